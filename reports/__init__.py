@@ -1,0 +1,3 @@
+"""Records of runs and the reports made from them; never renders."""
+
+from __future__ import annotations
