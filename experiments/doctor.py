@@ -92,7 +92,7 @@ class Package:
         """What to type when it is missing; empty when it is not."""
         if self.version is not None:
             return ""
-        return f"pip install 'vctgi[{self.extra}]'" if self.extra else f"pip install {self.name}"
+        return f"pip install {self.name}" + (f" (extra '{self.extra}')" if self.extra else "")
 
 
 @dataclass(frozen=True, kw_only=True)
