@@ -1,0 +1,149 @@
+"""The few numbers of a record that are read first, and how numbers are written."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from reports.schema import Interval, MetricValue, Record
+
+FRAME_STAGES = ("frame", "total")
+"""A stage of this name is the time of a whole frame; without one, stages are added up."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Headline:
+    """A metric that is shown at the top, found by the start of its name."""
+
+    key: str
+    label: str
+    component: str
+    explanation: str
+
+
+HEADLINES = (
+    Headline(
+        key="energyratio",
+        label="energy ratio",
+        component="indirect",
+        explanation="mean of the picture over mean of the reference; 1 is no energy gained or lost",
+    ),
+    Headline(
+        key="relmse",
+        label="relMSE",
+        component="indirect",
+        explanation="mean squared error relative to the squared reference, reference noise removed",
+    ),
+    Headline(
+        key="energyratio",
+        label="energy ratio",
+        component="image",
+        explanation="the same over the whole picture, whose direct light both sides share",
+    ),
+    Headline(
+        key="relmse",
+        label="relMSE",
+        component="image",
+        explanation="the same over the whole picture",
+    ),
+    Headline(
+        key="flip",
+        label="FLIP",
+        component="image",
+        explanation="how visible the difference is when the pictures alternate; 0 none, 1 all",
+    ),
+    Headline(
+        key="ssim",
+        label="SSIM",
+        component="image",
+        explanation="structural similarity of PQ-encoded luminance; 1 is the same",
+    ),
+    Headline(
+        key="deltae",
+        label="ΔE-ITP",
+        component="image",
+        explanation="colour difference; 1 is about one just noticeable difference",
+    ),
+)
+"""Columns of a summary, in order."""
+
+
+def find_metric(record: Record, headline: Headline) -> MetricValue | None:
+    """First metric of the record of this component whose name starts with the headline's key.
+
+    Case, `_`, `-` and blanks in names do not matter: `relMSE (e = 0.01)` and `relmse_e2` both
+    answer to `relmse`.
+    """
+    for metric in record.metrics:
+        plain = re.sub(r"[^a-z0-9]", "", metric.name.lower())
+        if metric.component == headline.component and plain.startswith(headline.key):
+            return metric
+    return None
+
+
+def frame_seconds(record: Record) -> float | None:
+    """Time of one frame of the method under test, seconds; None when no time was recorded."""
+    if not record.times:
+        return None
+    whole = [time.median_ms for time in record.times if time.stage.lower() in FRAME_STAGES]
+    return (whole[0] if whole else sum(time.median_ms for time in record.times)) / 1000.0
+
+
+def is_below_noise(metric: MetricValue) -> bool:
+    """Whether an error cannot be told from zero: its interval reaches down to zero or lower.
+
+    Noise-aware estimates of squared errors may be negative; they are shown, never clamped.
+    """
+    return metric.ideal == 0.0 and metric.interval is not None and metric.interval.low <= 0.0
+
+
+def ordered(records: Mapping[Path, Record]) -> list[tuple[Path, Record]]:
+    """Sort records by scene name, then method, preset, back end, time, id."""
+
+    def rank(entry: tuple[Path, Record]) -> tuple[str, ...]:
+        record = entry[1]
+        return (
+            record.scene.name,
+            record.method,
+            record.preset,
+            record.machine.backend,
+            record.created,
+            record.record_id,
+        )
+
+    return sorted(records.items(), key=rank)
+
+
+def number(value: float) -> str:
+    """Write a number for a table.
+
+    Three significant digits below 0.1, four up to 10 000, whole numbers above; powers of ten
+    below 0.001 and from a million.
+    """
+    if value != 0.0 and not 1e-3 <= abs(value) < 1e6:
+        mantissa, exponent = f"{value:.2e}".split("e")
+        return f"{mantissa}e{int(exponent)}".replace("-", "\N{MINUS SIGN}")
+    decade = 0 if value == 0.0 else math.floor(math.log10(abs(value)))
+    decimals = 2 - decade if decade < -1 else max(0, 3 - decade)
+    return f"{value:.{decimals}f}".replace("-", "\N{MINUS SIGN}")
+
+
+def interval_text(interval: Interval | None) -> str:
+    """Write an interval as `low to high`; empty without one."""
+    if interval is None:
+        return ""
+    return f"{number(interval.low)} to {number(interval.high)}"
+
+
+def duration(seconds: float | None) -> str:
+    """Write a time in ms, s or min, three significant digits; a dash for None."""
+    if seconds is None:
+        return "\N{EN DASH}"
+    if seconds < 1.0:
+        return f"{seconds * 1000.0:.3g} ms"
+    if seconds < 120.0:
+        return f"{seconds:.3g} s"
+    return f"{seconds / 60.0:.3g} min"
