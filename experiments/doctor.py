@@ -8,15 +8,13 @@ nothing outside the standard library, so that it works where nothing is installe
 from __future__ import annotations
 
 import importlib.metadata
-import json
 import os
 import platform
-import subprocess
-import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from experiments.cuda import find_cuda
 from experiments.errors import InputError
 from experiments.llvm import find_llvm, require_usable_llvm
 
@@ -24,11 +22,6 @@ CUDA_VARIANT: Final = "cuda_ad_rgb"
 LLVM_VARIANT: Final = "llvm_ad_rgb"
 SUPPORTED_VARIANTS: Final = (LLVM_VARIANT, CUDA_VARIANT)
 AUTOMATIC: Final = "auto"
-
-OLDEST_CUDA: Final = (12, 2)
-"""CUDA interface of driver 535, the oldest that Mitsuba 3.9 supports."""
-PROBE_SECONDS: Final = 60.0
-"""Creating no context, a probe takes well under a second; a minute means a hanging driver."""
 
 CORE_PACKAGES: Final = (
     "mitsuba",
@@ -164,20 +157,15 @@ def diagnose_llvm() -> Backend:
 
 def diagnose_cuda() -> Backend:
     """Whether the NVIDIA driver, a device and the ray-tracing library are there."""
-    answer = _probe_cuda()
-    version = tuple(answer.get("cuda_version", ()))
-    problem, remedy = _cuda_problem(answer, version)
-    device = ""
-    if "device" in answer:
-        device = f"{answer['device']} ({answer['memory_bytes'] / 2**30:.0f} GiB)"
+    search = find_cuda()
     return Backend(
         name="cuda",
         variant=CUDA_VARIANT,
-        is_usable=not problem,
-        version=".".join(map(str, version)),
-        device=device,
-        problem=problem,
-        remedy=remedy,
+        is_usable=search.is_usable,
+        version=search.version,
+        device=search.device,
+        problem=search.problem,
+        remedy=search.remedy,
     )
 
 
@@ -260,42 +248,6 @@ def report_lines(diagnosis: Diagnosis) -> list[str]:
     else:
         lines.append(f"renders with {diagnosis.variant}")
     return lines
-
-
-def _cuda_problem(answer: dict[str, Any], version: tuple[int, ...]) -> tuple[str, str]:
-    """Return the first thing that keeps Mitsuba from using the device, and the remedy."""
-    driver = "install an NVIDIA driver of version 535 or newer"
-    if not answer["has_driver"]:
-        return "no NVIDIA driver (libcuda.so.1)", driver
-    if "failure" in answer:
-        return f"the NVIDIA driver offers no device ({answer['failure']})", (
-            "make the device visible to this process (CUDA_VISIBLE_DEVICES, the container's"
-            " device list)"
-        )
-    if version < OLDEST_CUDA:
-        return f"the NVIDIA driver is too old (CUDA {'.'.join(map(str, version))})", driver
-    if not answer["has_ray_tracing"]:
-        return "the driver's ray-tracing library is missing (libnvoptix.so.1)", (
-            "in a container, start it with NVIDIA_DRIVER_CAPABILITIES=compute,graphics,utility"
-        )
-    return "", ""
-
-
-def _probe_cuda() -> dict[str, Any]:
-    """Ask the driver in a process of its own."""
-    script = Path(__file__).with_name("probe_cuda.py")
-    try:
-        probe = subprocess.run(
-            [sys.executable, "-I", str(script)],
-            capture_output=True,
-            check=True,
-            text=True,
-            timeout=PROBE_SECONDS,
-        )
-    except subprocess.SubprocessError as error:
-        return {"has_driver": True, "failure": str(error)}
-    answer: dict[str, Any] = json.loads(probe.stdout)
-    return answer
 
 
 def _installed_version(name: str) -> str | None:

@@ -5,12 +5,10 @@ and 16 end the whole process in an ordinary render. So this module imports neith
 Mitsuba, nor anything else outside the standard library, and looks at libraries in a process of
 their own. `python -m experiments.llvm` prints the verdict and exits with the matching code.
 
-Dr.Jit 1.5 on Linux looks for LLVM in this order, and takes the first that loads, whatever its
-version: `DRJIT_LIBLLVM_PATH` and nothing else if it is set and not empty; `libLLVM.so` by the
-rules of the dynamic loader, with Dr.Jit's own folder as run path; the last of
-`/usr/lib/{x86_64-linux-gnu,aarch64-linux-gnu,wsl/lib}/libLLVM*.so.*` when file names are sorted
-with runs of digits as numbers. Versions: below 15 is refused with an ImportError, 15 and 16 cannot
-compile a render ("Cannot select: fminimum") and abort, 17 and newer work.
+Dr.Jit 1.5 loads the library that `DRJIT_LIBLLVM_PATH` names, else `libLLVM.so`, else the newest
+`libLLVM*.so.*` in the standard folders (`experiments.library_search`). Versions: below 15 is
+refused with an ImportError, 15 and 16 cannot compile a render ("Cannot select: fminimum") and
+abort, 17 and newer work.
 """
 
 from __future__ import annotations
@@ -18,7 +16,6 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
-import re
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -32,6 +29,7 @@ from experiments.errors import (
     InputError,
     MachineryError,
 )
+from experiments.library_search import SEARCHED_FOLDERS, matches, names_in_search_order
 
 PATH_VARIABLE: Final = "DRJIT_LIBLLVM_PATH"
 OLDEST_USABLE: Final = 17
@@ -41,14 +39,9 @@ OLDEST_ACCEPTED: Final = 15
 PROBE_SECONDS: Final = 60.0
 """A probe takes about 0.1 s; a minute means that the file system hangs."""
 
-_SEARCHED_FOLDERS: Final = (
-    "/usr/lib/x86_64-linux-gnu",
-    "/usr/lib/aarch64-linux-gnu",
-    "/usr/lib/wsl/lib",
-)
 # Where distributions and LLVM's own packages put libraries that Dr.Jit does not find by itself
 _OTHER_PATTERNS: Final = (
-    *(f"{folder}/libLLVM*.so*" for folder in _SEARCHED_FOLDERS),
+    *(f"{folder}/libLLVM*.so*" for folder in SEARCHED_FOLDERS),
     "/usr/lib/llvm-*/lib/libLLVM*.so*",
     "/usr/lib/llvm/*/lib*/libLLVM*.so*",
     "/usr/lib64/libLLVM*.so*",
@@ -120,7 +113,7 @@ class LlvmSearch:
             return f"{PATH_VARIABLE}={self.requested}" + (self.failure and f" ({self.failure})")
         if self.picked is not None:
             return self.picked.path
-        return f"libLLVM.so and {', '.join(_SEARCHED_FOLDERS)}"
+        return f"libLLVM.so and {', '.join(SEARCHED_FOLDERS)}"
 
     @property
     def remedy(self) -> str:
@@ -136,26 +129,6 @@ class LlvmSearch:
         )
 
 
-def natural_sort_key(path: str) -> list[tuple[int, int, str]]:
-    """Order of file names in which a run of digits counts as one number.
-
-    Parameters
-    ----------
-    path
-        Path of a library.
-
-    Returns
-    -------
-    list
-        Key for `sorted`; the last file in this order is the one that Dr.Jit loads.
-    """
-    # A number sorts among the characters where its digits would: "." < "/" < 0..9 < ":" < "a"
-    return [
-        (ord("0"), int(run), "") if run.isdigit() else (ord(run), 0, run)
-        for run in re.findall(r"[0-9]+|[^0-9]", path)
-    ]
-
-
 def find_llvm() -> LlvmSearch:
     """Search for LLVM as Dr.Jit does, without loading it into this process.
 
@@ -165,8 +138,7 @@ def find_llvm() -> LlvmSearch:
         The library that Dr.Jit would load, its version and, if that is unusable, another.
     """
     requested = os.environ.get(PATH_VARIABLE) or None
-    names = [requested] if requested else ["libLLVM.so", *_newest_searched()]
-    picked, failure = _probe(names)
+    picked, failure = _probe(names_in_search_order(PATH_VARIABLE, "libLLVM.so", "libLLVM*.so.*"))
     if picked is not None and picked.is_usable:
         return LlvmSearch(requested=requested, picked=picked)
     return LlvmSearch(
@@ -196,20 +168,9 @@ def require_usable_llvm() -> LlvmLibrary:
     raise error(search.what, search.where, search.remedy)
 
 
-def _newest_searched() -> list[str]:
-    """Return the file that Dr.Jit takes from the standard folders, as a list of one or none."""
-    found = _matches(*(f"{folder}/libLLVM*.so.*" for folder in _SEARCHED_FOLDERS))
-    return sorted(found, key=natural_sort_key)[-1:]
-
-
-def _matches(*patterns: str) -> list[str]:
-    """Files that match any of these absolute patterns."""
-    return [str(path) for pattern in patterns for path in Path("/").glob(pattern.removeprefix("/"))]
-
-
 def _newest_usable() -> LlvmLibrary | None:
     """Newest usable library in any of the usual places."""
-    files = {Path(path).resolve(): path for path in sorted(_matches(*_OTHER_PATTERNS))}
+    files = {Path(path).resolve(): path for path in sorted(matches(*_OTHER_PATTERNS))}
     found = (_probe([path])[0] for path in files.values())
     usable = [library for library in found if library is not None and library.is_usable]
     return max(usable, key=lambda library: library.version or (0, 0, 0), default=None)

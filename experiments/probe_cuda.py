@@ -1,7 +1,8 @@
 """Ask the NVIDIA driver for its version and its first device.
 
 Run as a script, in a process of its own, so that asking creates no state in a process that renders
-(and a driver that crashes takes nothing with it): one JSON object goes to standard output. The
+(and a driver that crashes takes nothing with it). The arguments are the name of the ray-tracing
+library and those of the driver, in the order to try; one JSON object goes to standard output. The
 functions are those of the CUDA driver interface; 0 means success in all of them.
 """
 
@@ -9,15 +10,14 @@ from __future__ import annotations
 
 import ctypes
 import json
-import os
 import sys
 
-_LIBRARIES = ("libcuda.so", "libcuda.so.1", "/usr/lib/wsl/lib/libcuda.so.1")
-_RAY_TRACING_LIBRARY = "libnvoptix.so.1"
+# What an installed driver is called even where Dr.Jit does not look for it
+_DRIVER = "libcuda.so.1"
 _NAME_BYTES = 256
 
 
-def load_first(names: tuple[str, ...]) -> ctypes.CDLL | None:
+def load_first(names: list[str]) -> ctypes.CDLL | None:
     """Load the first library that loads, or None."""
     for name in names:
         try:
@@ -51,16 +51,17 @@ def describe_device(driver: ctypes.CDLL) -> dict[str, object]:
     }
 
 
-def main() -> None:
+def main(ray_tracing: str, drivers: list[str]) -> None:
     """Print what the driver says, and whether the ray-tracing library loads."""
-    requested = os.environ.get("DRJIT_LIBCUDA_PATH")
-    driver = load_first((requested,) if requested else _LIBRARIES)
+    driver = load_first(drivers)
     answer: dict[str, object] = {"has_driver": driver is not None}
-    if driver is not None:
+    if driver is None:
+        answer["has_hidden_driver"] = load_first([_DRIVER]) is not None
+    else:
         answer |= describe_device(driver)
-        answer["has_ray_tracing"] = load_first((_RAY_TRACING_LIBRARY,)) is not None
+        answer["has_ray_tracing"] = load_first([ray_tracing]) is not None
     json.dump(answer, sys.stdout)
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1], sys.argv[2:])

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+import subprocess
 import tomllib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from experiments import doctor
+from experiments import cuda, doctor
 from experiments.doctor import (
     CUDA_VARIANT,
     LLVM_VARIANT,
@@ -147,14 +150,20 @@ def test_a_device_needs_no_llvm(cuda_is: Any, llvm_is: Any) -> None:
     [
         ({"has_driver": False}, "no NVIDIA driver", "install an NVIDIA driver"),
         ({"failure": "cuInit returned error 100"}, "error 100", "CUDA_VISIBLE_DEVICES"),
-        ({"cuda_version": [11, 8]}, r"too old \(CUDA 11\.8\)", "535 or newer"),
+        (
+            {"has_driver": False, "has_hidden_driver": True},
+            "does not find the NVIDIA driver",
+            "export DRJIT_LIBCUDA_PATH=libcuda.so.1",
+        ),
+        ({"cuda_version": [12, 1]}, r"too old \(CUDA 12\.1\)", "570 or newer"),
+        ({"cuda_version": [12, 7]}, r"refused by Dr\.Jit .*\(CUDA 12\.7\)", "570 or newer"),
         ({"has_ray_tracing": False}, "libnvoptix", "NVIDIA_DRIVER_CAPABILITIES"),
     ],
 )
 def test_each_fault_of_the_driver_has_its_remedy(
     change: dict[str, Any], problem: str, remedy: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(doctor, "_probe_cuda", lambda: HEALTHY_DRIVER | change)
+    monkeypatch.setattr(cuda, "_probe", lambda: HEALTHY_DRIVER | change)
     found = diagnose_cuda()
     assert not found.is_usable
     assert re.search(problem, found.problem)
@@ -162,11 +171,68 @@ def test_each_fault_of_the_driver_has_its_remedy(
 
 
 def test_a_healthy_driver_is_usable(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "_probe_cuda", lambda: HEALTHY_DRIVER)
+    monkeypatch.setattr(cuda, "_probe", lambda: HEALTHY_DRIVER)
     found = diagnose_cuda()
     assert found.is_usable
     assert (found.version, found.device) == ("12.4", "NVIDIA Something (8 GiB)")
     assert (found.problem, found.remedy) == ("", "")
+
+
+# A driver that answers as NVIDIA's does; DEVICE_COUNT 0 makes cuDeviceGet fail like a hidden device
+FAKE_DRIVER = r"""
+#include <stddef.h>
+#include <string.h>
+int cuInit(unsigned flags) { return flags; }
+int cuDriverGetVersion(int *version) { *version = 12040; return 0; }
+int cuDeviceGetCount(int *count) { *count = DEVICE_COUNT; return 0; }
+int cuDeviceGet(int *device, int ordinal) { *device = 7; return ordinal < DEVICE_COUNT ? 0 : 101; }
+int cuDeviceGetName(char *name, int length, int device) {
+    strncpy(name, device == 7 ? "Fake Device" : "another", length); return 0;
+}
+int cuDeviceTotalMem_v2(size_t *bytes, int device) { *bytes = 6ull << 30; return device != 7; }
+"""
+
+
+@pytest.fixture
+def build_driver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
+    """Compile the fake driver, and let Dr.Jit's variables name it."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler for the fake driver")
+
+    def build(device_count: int) -> None:
+        library = tmp_path / "libcuda.so"
+        options = ["-shared", "-fPIC", f"-DDEVICE_COUNT={device_count}", "-o", str(library)]
+        subprocess.run(
+            [compiler, *options, "-xc", "-"],
+            check=True,
+            input=FAKE_DRIVER,
+            text=True,
+        )
+        monkeypatch.setenv(cuda.DRIVER_VARIABLE, str(library))
+        monkeypatch.setenv(cuda.RAY_TRACING_VARIABLE, str(library))
+
+    return build
+
+
+def test_reads_what_the_driver_answers(build_driver: Callable[[int], None]) -> None:
+    build_driver(1)
+    found = diagnose_cuda()
+    assert found.is_usable
+    assert (found.version, found.device) == ("12.4", "Fake Device (6 GiB)")
+
+
+def test_passes_on_which_call_of_the_driver_failed(build_driver: Callable[[int], None]) -> None:
+    build_driver(0)
+    assert "cuDeviceGet returned error 101" in diagnose_cuda().problem
+
+
+def test_misses_ray_tracing_where_the_library_does_not_load(
+    build_driver: Callable[[int], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    build_driver(1)
+    monkeypatch.setenv(cuda.RAY_TRACING_VARIABLE, "/nowhere/libnvoptix.so.1")
+    assert "libnvoptix" in diagnose_cuda().problem
 
 
 @pytest.mark.parametrize(

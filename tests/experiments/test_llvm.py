@@ -11,7 +11,8 @@ import pytest
 
 from experiments import llvm
 from experiments.errors import EXIT_BAD_INPUT, EXIT_DONE, InputError, MachineryError
-from experiments.llvm import LlvmLibrary, LlvmSearch, find_llvm, natural_sort_key
+from experiments.library_search import natural_sort_key
+from experiments.llvm import LlvmLibrary, LlvmSearch, find_llvm
 
 REPOSITORY = Path(__file__).parents[2]
 
