@@ -62,7 +62,7 @@ HEADLINES = (
         explanation="structural similarity of PQ-encoded luminance; 1 is the same",
     ),
     Headline(
-        key="deltae",
+        key="deltaeitp",
         label="ΔE-ITP",
         component="image",
         explanation="colour difference; 1 is about one just noticeable difference",

@@ -62,7 +62,6 @@ class Pictures:
     relative_scale: float | None
     """The error map's scale over the reference's mean luminance."""
     flip: str | None
-    flip_mean: float | None
     components: list[Component]
     faults: list[str]
     """What is wrong with the pictures, a sentence each."""
@@ -90,7 +89,6 @@ def read_pictures(record_path: Path, record: Record) -> Pictures:
         error=error,
         relative_scale=_relative_scale(error, reference),
         flip=None if flip is None else sequential_uri(flip, low=0.0, high=1.0, colours="magma"),
-        flip_mean=None if flip is None or not np.isfinite(flip).all() else float(flip.mean()),
         components=_components(linear, exposure),
         faults=_faults(linear),
     )
