@@ -63,6 +63,7 @@
     const slideButton = find(".slide");
     const exposure = find(".exposure-range");
     const readout = find(".readout");
+    const invitation = readout?.textContent;
     const sides = { ours: find("img.ours"), reference: find("img.reference") };
     const recorded = { ours: sides.ours.src, reference: sides.reference.src };
     const width = Number(viewer.dataset.width);
@@ -149,7 +150,7 @@
       exposure.value = "0";
       exposure.addEventListener("input", expose);
       stage.addEventListener("pointermove", read);
-      stage.addEventListener("pointerleave", () => { readout.textContent = ""; });
+      stage.addEventListener("pointerleave", () => { readout.textContent = invitation; });
     }
     const controls = { flip, slide };
     return controls;

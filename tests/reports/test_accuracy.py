@@ -215,9 +215,7 @@ def test_any_picture_may_be_missing(write: Write, missing: str) -> None:
 def test_a_record_without_any_picture_is_shown(write: Write) -> None:
     record = read_record(write())
     bare = write(record_id="bare", drop_images=tuple(record.images))
-    assert "No picture of the method was recorded." in accuracy_report(
-        [assert_loads_nothing_folder]
-    )
+    assert "No picture of the method was recorded." in accuracy_report([bare])
 
 
 def test_pixels_that_are_not_finite_are_counted(
