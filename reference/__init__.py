@@ -1,0 +1,12 @@
+"""Path-traced truth: Mitsuba's path tracer, in components with variance, cached."""
+
+from __future__ import annotations
+
+from reference.cache import default_cache_directory as default_cache_directory
+from reference.path_trace import reference_key as reference_key
+from reference.path_trace import render_reference as render_reference
+from reference.request import COMPONENT_NAMES as COMPONENT_NAMES
+from reference.request import DERIVED_NAMES as DERIVED_NAMES
+from reference.request import Reference as Reference
+from reference.request import ReferenceRequest as ReferenceRequest
+from reference.scene_digest import scene_digest as scene_digest
