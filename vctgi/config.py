@@ -1,0 +1,76 @@
+"""The configuration of a frame, composed of its stages' own, and the named presets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from vctgi.clipmap.levels import ClipmapConfig
+from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig
+from vctgi.stages.cone_tracing.march import ConeMarchConfig
+from vctgi.stages.cone_tracing.specular import SpecularConesConfig
+from vctgi.stages.gbuffer import GBufferConfig
+from vctgi.stages.reflective_shadow_map import ReflectiveShadowMapConfig
+
+SCATTERING_COUNT = 2
+"""Surface scatterings between emitter and eye of the light that is rendered: one bounce."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderConfig:
+    """Everything that shapes a frame, apart from the scene."""
+
+    clipmap: ClipmapConfig = field(default_factory=ClipmapConfig)
+    """Size of the clipmap."""
+    reflective_shadow_map: ReflectiveShadowMapConfig = field(
+        default_factory=ReflectiveShadowMapConfig
+    )
+    """Resolution of the light maps."""
+    gbuffer: GBufferConfig = field(default_factory=GBufferConfig)
+    """Effort for measuring lobes."""
+    diffuse: DiffuseConesConfig = field(default_factory=DiffuseConesConfig)
+    """Diffuse cones."""
+    specular: SpecularConesConfig = field(default_factory=SpecularConesConfig)
+    """Specular cones."""
+    samples_per_pixel: int = 4
+    """Camera rays a pixel, each with cones of its own, >= 1."""
+
+    def __post_init__(self) -> None:
+        """Refuse an empty picture."""
+        if self.samples_per_pixel < 1:
+            raise ValueError(
+                f"RenderConfig.samples_per_pixel must be >= 1, got {self.samples_per_pixel}."
+            )
+
+
+def _diffuse(cone_count: int, level_bias: float) -> DiffuseConesConfig:
+    """Return a cone set; few cones want a finer level than many (docs/decisions/0001)."""
+    return DiffuseConesConfig(
+        cone_count=cone_count, march=ConeMarchConfig(level_bias=level_bias)
+    )
+
+
+_DEFAULT = RenderConfig()
+
+PRESETS: dict[str, RenderConfig] = {
+    "medium": replace(
+        _DEFAULT, diffuse=_diffuse(6, -1.0), samples_per_pixel=2
+    ),
+    "high": replace(_DEFAULT, diffuse=_diffuse(17, -1.0)),
+    "ultra": replace(
+        _DEFAULT, clipmap=ClipmapConfig(resolution=128), diffuse=_diffuse(64, -0.5)
+    ),
+}
+"""Named configurations, from cheap to dear."""
+
+
+def preset(name: str) -> RenderConfig:
+    """Return the named preset.
+
+    Raises
+    ------
+    ValueError
+        No preset of that name.
+    """
+    if name not in PRESETS:
+        raise ValueError(f"no preset '{name}'; choose one of {', '.join(PRESETS)}.")
+    return PRESETS[name]

@@ -1,0 +1,70 @@
+"""Axis directions, low-discrepancy points and hashes: pure functions of numbers.
+
+The six opacity directions have the order +x -x +y -y +z -z everywhere: slot ``2 * axis`` holds
+what a ray travelling towards +axis meets, slot ``2 * axis + 1`` what one towards -axis meets.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import drjit as dr
+import mitsuba as mi
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+DIRECTION_COUNT = 6
+"""Opacity directions of a voxel."""
+
+PLASTIC_RATIO = 1.32471795724474602596
+"""Root of x^3 = x + 1, the base of the two-dimensional Kronecker sequence [Roberts2018]."""
+
+
+def other_axes(axis: int) -> tuple[int, int]:
+    """Return the two axes across `axis`, in cyclic order (x -> y, z)."""
+    return (axis + 1) % 3, (axis + 2) % 3
+
+
+def kronecker_points(index: mi.UInt32, offset: Sequence[float] = (0.5, 0.5)) -> mi.Point2f:
+    """Return points of the two-dimensional R2 sequence.
+
+    Parameters
+    ----------
+    index
+        Sequence number.
+    offset
+        Start of the sequence in the unit square.
+
+    Returns
+    -------
+    mi.Point2f
+        Points in [0, 1)^2.
+
+    References
+    ----------
+    [Roberts2018] M. Roberts, The unreasonable effectiveness of quasirandom sequences.
+    """
+    # In integers modulo 2^32: the fraction stays exact at any index.
+    steps = [int(2**32 / PLASTIC_RATIO), int(2**32 / PLASTIC_RATIO**2)]
+    coordinates = []
+    for step, start in zip(steps, offset, strict=True):
+        bits = index * mi.UInt32(step) + mi.UInt32(int(start * 2**32) % 2**32)
+        coordinates.append(unit_from_bits(bits))
+    return mi.Point2f(*coordinates)
+
+
+def unit_from_bits(bits: mi.UInt32) -> mi.Float:
+    """Return the number in [0, 1) whose leading 24 binary digits are those of `bits`."""
+    return mi.Float(bits >> 8) * (1.0 / 2**24)
+
+
+def random_unit(index: mi.UInt32, stream: int | mi.UInt32) -> mi.Float:
+    """Return a hash of `index` in [0, 1): the same lane gives the same number in every run."""
+    bits, _ = mi.sample_tea_32(index, mi.UInt32(stream))
+    return unit_from_bits(bits)
+
+
+def face_forward(normal: mi.Vector3f, direction: mi.Vector3f) -> mi.Vector3f:
+    """Return `normal` or its opposite, whichever lies in the hemisphere of `direction`."""
+    return dr.select(dr.dot(normal, direction) < 0.0, -normal, normal)

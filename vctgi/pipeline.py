@@ -1,0 +1,285 @@
+"""The order of the stages, and nothing else.
+
+    scene -> triangles, materials, lights -> plan
+    plan -> opacity voxelization -> reflective shadow maps -> injection -> downsampling = volume
+    volume -> G-buffer -> diffuse cones, specular cones -> composite = frame
+"""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from typing import Protocol
+
+import drjit as dr
+import mitsuba as mi
+
+from vctgi.clipmap.storage import VoxelVolume, interleave
+from vctgi.config import RenderConfig
+from vctgi.errors import SceneError
+from vctgi.maths.directions import kronecker_points, random_unit
+from vctgi.plan import Plan, plan_render
+from vctgi.scene.lights import list_lights
+from vctgi.scene.materials import Material, describe_material
+from vctgi.scene.records import GBuffer
+from vctgi.scene.surfaces import VoxelSurfaces, select_surfaces
+from vctgi.scene.triangles import SceneTriangles, extract_triangles
+from vctgi.stages.composite import IndirectLight, composite
+from vctgi.stages.cone_tracing.diffuse import trace_diffuse
+from vctgi.stages.cone_tracing.specular import trace_specular
+from vctgi.stages.downsampling import downsample
+from vctgi.stages.gbuffer import trace_gbuffer
+from vctgi.stages.light_injection import inject_light
+from vctgi.stages.reflective_shadow_map import render_reflective_shadow_maps
+from vctgi.stages.voxelization.opacity import voxelize_opacity
+
+MAX_CONES_PER_PASS = 1 << 25
+"""Cones that are traced at a time; bounds the memory of a pass."""
+
+
+class StageClock(Protocol):
+    """Something that can time a stage."""
+
+    def __call__(self, stage: str) -> AbstractContextManager[object]:
+        """Return a context that lasts as long as the stage."""
+
+
+def no_clock(stage: str) -> AbstractContextManager[object]:
+    """Time nothing."""
+    return nullcontext(stage)
+
+
+@dataclass
+class PreparedScene:
+    """A scene as the renderer sees it.
+
+    Attributes
+    ----------
+    scene, sensor
+        The Mitsuba scene and the camera it was prepared for.
+    triangles, materials, surfaces
+        Geometry, what its BSDFs contribute, and the sides that are voxelized.
+    plan
+        What is run and what is left out.
+    """
+
+    scene: mi.Scene
+    sensor: mi.Sensor
+    triangles: SceneTriangles
+    materials: list[Material]
+    surfaces: VoxelSurfaces
+    plan: Plan
+
+
+@dataclass
+class LitVolume:
+    """Lit voxels, with what was lost on the way.
+
+    Attributes
+    ----------
+    volume
+        Opacity and emittance.
+    lost_flux_share
+        Share of the reflected flux that found no opacity, for each clip level.
+    texel_count
+        Lit points of all reflective shadow maps.
+    """
+
+    volume: VoxelVolume
+    lost_flux_share: list[float]
+    texel_count: int
+
+
+@dataclass
+class Frame:
+    """A rendered picture, each component a tensor [height, width, channels].
+
+    Attributes
+    ----------
+    indirect_diffuse, indirect_specular
+        W m^-2 sr^-1, three channels; indirect light is their sum.
+    albedo
+        Diffuse albedo, three channels.
+    normal
+        Shading normal, three channels in [-1, 1].
+    depth
+        Distance along the ray, world units, one channel.
+    """
+
+    indirect_diffuse: mi.TensorXf
+    indirect_specular: mi.TensorXf
+    albedo: mi.TensorXf
+    normal: mi.TensorXf
+    depth: mi.TensorXf
+
+
+def prepare_scene(
+    scene: mi.Scene, sensor: mi.Sensor, config: RenderConfig, clock: StageClock = no_clock
+) -> PreparedScene:
+    """Read a Mitsuba scene and decide what it needs.
+
+    Raises
+    ------
+    SceneError
+        The scene has no light or no geometry, or vertices that are not finite.
+    """
+    with clock("scene"):
+        lights = list_lights(scene)
+        if not lights:
+            raise SceneError("no light", "the scene", "add an emitter")
+        triangles = extract_triangles(scene)
+        materials = [describe_material(bsdf) for bsdf in triangles.bsdfs]
+        surfaces = select_surfaces(scene, sensor, triangles, materials)
+        plan = plan_render(scene, sensor, triangles, materials, lights, config.clipmap)
+    return PreparedScene(scene, sensor, triangles, materials, surfaces, plan)
+
+
+def light_volume(
+    prepared: PreparedScene, config: RenderConfig, clock: StageClock = no_clock
+) -> LitVolume:
+    """Voxelize a scene and light the voxels."""
+    plan = prepared.plan
+    with clock("opacity voxelization"):
+        opacity = voxelize_opacity(prepared.surfaces, plan.layout)
+    with clock("reflective shadow maps"):
+        maps = render_reflective_shadow_maps(
+            prepared.scene, list(plan.lights), plan.layout, config.reflective_shadow_map
+        )
+    with clock("light injection"):
+        emittance = inject_light(maps, opacity)
+    with clock("downsampling"):
+        opacity, lit = downsample(opacity, emittance)
+        assert lit is not None, "downsampling keeps the emittance it is given"
+        volume = interleave(opacity, lit)
+    return LitVolume(volume, lit.lost_flux_share, sum(m.texel_count for m in maps))
+
+
+def gather_light(
+    gbuffer: GBuffer,
+    volume: VoxelVolume,
+    plan: Plan,
+    config: RenderConfig,
+    clock: StageClock = no_clock,
+) -> IndirectLight:
+    """Trace the cones of visible points and put their light together."""
+    with clock("diffuse cones"):
+        incident = trace_diffuse(gbuffer, volume, config.diffuse)
+        dr.eval(incident)
+    specular = None
+    if plan.has_specular or plan.has_passing:
+        with clock("specular cones"):
+            specular = trace_specular(
+                gbuffer,
+                volume,
+                config.specular,
+                has_specular=plan.has_specular,
+                has_passing=plan.has_passing,
+            )
+            dr.eval(specular)
+    with clock("composite"):
+        light = composite(gbuffer, incident, specular)
+        dr.eval(light)
+    return light
+
+
+def render_frame(
+    prepared: PreparedScene,
+    volume: VoxelVolume,
+    config: RenderConfig,
+    clock: StageClock = no_clock,
+    seed: int = 0,
+) -> Frame:
+    """Render the indirect light of a picture.
+
+    Parameters
+    ----------
+    prepared
+        Scene and camera.
+    volume
+        Its lit voxels.
+    config
+        Cones and samples per pixel.
+    clock
+        Times the stages.
+    seed
+        Chooses the random rotations and phases of the cones.
+    """
+    width, height = (int(n) for n in prepared.sensor.film().crop_size())
+    pixel_count = width * height
+    rows_per_pass = max(1, MAX_CONES_PER_PASS // (config.diffuse.cone_count * width))
+    sums = {name: dr.zeros(mi.Float, pixel_count * n) for name, n in CHANNELS.items()}
+    for number in range(config.samples_per_pixel):
+        for first_row in range(0, height, rows_per_pass):
+            rows = min(rows_per_pass, height - first_row)
+            pixel = dr.arange(mi.UInt32, rows * width) + first_row * width
+            sample_index = dr.opaque(mi.UInt32, number + seed * SEED_STRIDE) * pixel_count + pixel
+            with clock("G-buffer"):
+                ray = _camera_rays(prepared.sensor, pixel, sample_index, number)
+                gbuffer = trace_gbuffer(
+                    prepared.scene,
+                    ray,
+                    sample_index,
+                    config.gbuffer,
+                    has_specular=prepared.plan.has_specular,
+                    has_passing=prepared.plan.has_passing,
+                )
+                dr.eval(gbuffer)
+            light = gather_light(gbuffer, volume, prepared.plan, config, clock)
+            _accumulate(sums, gbuffer, light, pixel, config.samples_per_pixel)
+    shaped = {
+        name: mi.TensorXf(sums[name], (height, width, n)) for name, n in CHANNELS.items()
+    }
+    return Frame(**shaped)
+
+
+CHANNELS = {"indirect_diffuse": 3, "indirect_specular": 3, "albedo": 3, "normal": 3, "depth": 1}
+"""Components of a frame and their channels."""
+
+SEED_STRIDE = 4096
+"""Samples per pixel that one seed may use before it meets the next seed's."""
+
+
+def _camera_rays(
+    sensor: mi.Sensor, pixel: mi.UInt32, sample_index: mi.UInt32, number: int
+) -> mi.RayDifferential3f:
+    """One ray a pixel, at the place within the pixel that belongs to this sample."""
+    film = sensor.film()
+    crop, size = film.crop_size(), film.size()
+    offset = film.crop_offset()
+    width = int(crop[0])
+    place = mi.Point2f(pixel % width, pixel // width) + kronecker_points(
+        dr.opaque(mi.UInt32, number)
+    )
+    position = (place + mi.Point2f(float(offset[0]), float(offset[1]))) / mi.Point2f(
+        float(size[0]), float(size[1])
+    )
+    lens = mi.Point2f(random_unit(sample_index, 1), random_unit(sample_index, 2))
+    time = sensor.shutter_open() + sensor.shutter_open_time() * random_unit(sample_index, 3)
+    ray, _ = sensor.sample_ray_differential(
+        time, random_unit(sample_index, 4), position, lens
+    )
+    return ray
+
+
+def _accumulate(
+    sums: dict[str, mi.Float],
+    gbuffer: GBuffer,
+    light: IndirectLight,
+    pixel: mi.UInt32,
+    sample_count: int,
+) -> None:
+    """Add a sample of each pixel to the picture."""
+    depth = gbuffer.depth / sample_count
+    values: dict[str, list[mi.Float]] = {
+        "indirect_diffuse": list(light.diffuse / sample_count),
+        "indirect_specular": list(light.specular / sample_count),
+        "albedo": list(gbuffer.albedo / sample_count),
+        "normal": list(dr.select(gbuffer.is_valid, gbuffer.normal, 0.0) / sample_count),
+        "depth": [depth],
+    }
+    for name, channels in values.items():
+        for channel, value in enumerate(channels):
+            index = pixel * len(channels) + channel
+            held = dr.gather(mi.Float, sums[name], index)
+            dr.scatter(sums[name], held + value, index)
+    dr.eval(sums)

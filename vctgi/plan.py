@@ -1,0 +1,213 @@
+"""What a scene needs, and what is left out because it does not.
+
+The plan looks at the scene once. The pipeline runs only what it keeps, and the kernels contain no
+code for the rest. It is data: it prints as a table and stands in every record.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from vctgi.clipmap.levels import (
+    WINDOW_MARGIN_VOXELS,
+    ClipmapConfig,
+    ClipmapLayout,
+    lay_out_clipmap,
+)
+from vctgi.scene.lights import Light
+from vctgi.scene.materials import Material
+from vctgi.scene.triangles import SceneTriangles
+
+SURVEY_RESOLUTION = 64
+"""Camera rays along an edge of the picture that the clipmap is fitted to."""
+
+NEAR_SHARE = 0.8
+"""Share of the visible points, nearest first, that the finest level holds."""
+
+MAX_FAR_RATIO = 1e4
+"""Largest scene extent over finest level extent that is worth a level of its own."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanEntry:
+    """One decision: what, whether it is kept, why, and what leaving it out saved."""
+
+    item: str
+    kept: bool
+    reason: str
+    saved: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What is run for a scene.
+
+    Attributes
+    ----------
+    layout
+        Windows of the clipmap.
+    has_specular
+        Whether glossy or mirror lobes are traced.
+    has_passing
+        Whether light that passes straight through masks and thin glass is traced.
+    lights
+        Emitters that get a reflective shadow map.
+    entries
+        The decisions in words.
+    """
+
+    layout: ClipmapLayout
+    has_specular: bool
+    has_passing: bool
+    lights: tuple[Light, ...]
+    entries: tuple[PlanEntry, ...]
+
+
+def plan_render(
+    scene: mi.Scene,
+    sensor: mi.Sensor,
+    triangles: SceneTriangles,
+    materials: list[Material],
+    lights: list[Light],
+    config: ClipmapConfig,
+) -> Plan:
+    """Decide what a scene needs.
+
+    Parameters
+    ----------
+    scene, sensor
+        Scene and camera.
+    triangles, materials, lights
+        What was read off the scene.
+    config
+        Size of the clipmap; what it leaves open is chosen here.
+    """
+    layout, layout_entries = _choose_layout(scene, sensor, triangles, config)
+    glossy = [m.kind for m in materials if m.has_specular]
+    passing = [m.kind for m in materials if m.has_null]
+    entries = [
+        *layout_entries,
+        PlanEntry(
+            item="specular cones",
+            kept=bool(glossy),
+            reason=f"materials with glossy lobes: {', '.join(sorted(set(glossy)))}"
+            if glossy
+            else "no material has a glossy or mirror lobe",
+            saved="" if glossy else "one cone a pixel and the measuring of lobes",
+        ),
+        PlanEntry(
+            item="cones through masks and thin glass",
+            kept=bool(passing),
+            reason=f"materials that let light pass: {', '.join(sorted(set(passing)))}"
+            if passing
+            else "no material lets light pass straight through",
+            saved="" if passing else "one cone a pixel and alpha tests in voxelization",
+        ),
+        PlanEntry(
+            item="reflective shadow maps",
+            kept=bool(lights),
+            reason=f"{len(lights)} emitters",
+        ),
+        PlanEntry(
+            item="emission in voxels",
+            kept=False,
+            reason="light straight from an emitter is direct light, which Mitsuba renders",
+            saved="emittance voxelization",
+        ),
+        PlanEntry(
+            item="environment at the end of a cone",
+            kept=False,
+            reason="light straight from the sky is direct light, which Mitsuba renders",
+            saved="one lookup a cone",
+        ),
+    ]
+    return Plan(
+        layout=layout,
+        has_specular=bool(glossy),
+        has_passing=bool(passing),
+        lights=tuple(lights),
+        entries=tuple(entries),
+    )
+
+
+def _choose_layout(
+    scene: mi.Scene, sensor: mi.Sensor, triangles: SceneTriangles, config: ClipmapConfig
+) -> tuple[ClipmapLayout, list[PlanEntry]]:
+    """Fit the finest level to what the camera sees nearby, and add levels until all is held."""
+    low, high = triangles.bounds
+    near_low, near_high = _near_bounds(scene, sensor, low, high)
+    usable = config.resolution - 2.0 * WINDOW_MARGIN_VOXELS
+    smallest = float(np.max(high - low)) / MAX_FAR_RATIO
+    voxel_size = config.finest_voxel_size or (
+        max(float(np.max(near_high - near_low)), smallest) / usable
+    )
+    x, y, z = (0.5 * (near_low + near_high)).tolist()
+    centre = config.centre or (x, y, z)
+
+    def lay_out(level_count: int) -> ClipmapLayout:
+        return lay_out_clipmap(
+            centre,
+            finest_voxel_size=voxel_size,
+            level_count=level_count,
+            resolution=config.resolution,
+        )
+
+    counts = [config.level_count] if config.level_count else range(1, config.max_level_count + 1)
+    layouts = [lay_out(count) for count in counts]
+    layout = next((each for each in layouts if _holds(each, low, high)), layouts[-1])
+    reason = f"finest voxel {voxel_size:.4g}, coarsest window {_extent(layout):.4g} world units"
+    entries = [PlanEntry(item=f"{layout.clip_level_count} clip levels", kept=True, reason=reason)]
+    left_out = config.max_level_count - layout.clip_level_count
+    if not _holds(layout, low, high):
+        entries.append(
+            PlanEntry(
+                item="geometry outside the coarsest window",
+                kept=False,
+                reason=f"the scene extends over {float(np.max(high - low)):.4g} world units; "
+                "raise clipmap.max_level_count to hold it",
+                saved="further levels",
+            )
+        )
+    elif left_out > 0 and not config.level_count:
+        entries.append(
+            PlanEntry(
+                item=f"{left_out} further clip levels",
+                kept=False,
+                reason="the coarsest window holds the whole scene",
+                saved=f"{left_out * config.resolution**3:,} voxels",
+            )
+        )
+    return layout, entries
+
+
+def _near_bounds(
+    scene: mi.Scene, sensor: mi.Sensor, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of the nearest visible points, or of the scene where none is visible."""
+    pixel = dr.arange(mi.UInt32, SURVEY_RESOLUTION**2)
+    film = (
+        mi.Point2f(pixel % SURVEY_RESOLUTION, pixel // SURVEY_RESOLUTION) + 0.5
+    ) / SURVEY_RESOLUTION
+    ray, _ = sensor.sample_ray(0.0, 0.5, film, mi.Point2f(0.5))
+    si = scene.ray_intersect(ray)
+    is_hit = np.array(si.is_valid())
+    if not is_hit.any():
+        return low, high
+    points = np.array(si.p, dtype=np.float64).T[is_hit]
+    depth = np.array(si.t, dtype=np.float64)[is_hit]
+    near = points[depth <= np.quantile(depth, NEAR_SHARE)]
+    return near.min(axis=0), near.max(axis=0)
+
+
+def _holds(layout: ClipmapLayout, low: np.ndarray, high: np.ndarray) -> bool:
+    """Whether the coarsest window holds a box."""
+    box = layout.coarsest
+    return bool(np.all(low >= box.window_min) and np.all(high <= box.window_max))
+
+
+def _extent(layout: ClipmapLayout) -> float:
+    return layout.coarsest.resolution * layout.coarsest.voxel_size

@@ -1,0 +1,74 @@
+"""The emitters of a scene, as the sources of reflective shadow maps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mitsuba as mi
+
+KNOWN_KINDS = {
+    "PointLight",
+    "SpotLight",
+    "DirectionalEmitter",
+    "DirectionalArea",
+    "Projector",
+    "AreaLight",
+    "ConstantBackgroundEmitter",
+    "EnvironmentMapEmitter",
+    "SunskyEmitter",
+    "TimedSunskyEmitter",
+}
+"""Mitsuba classes whose light has been compared with the path tracer."""
+
+
+@dataclass
+class Light:
+    """One emitter.
+
+    Attributes
+    ----------
+    emitter
+        The Mitsuba emitter.
+    name
+        For messages and the plan.
+    kind
+        Its Mitsuba class.
+    is_infinite
+        Whether its light comes from outside the scene, so that it has no position.
+    is_delta_position, is_delta_direction
+        Whether it shines from a point; in a single direction (at each point).
+    """
+
+    emitter: mi.Emitter
+    name: str
+    kind: str
+    is_infinite: bool
+    is_delta_position: bool
+    is_delta_direction: bool
+
+
+def list_lights(scene: mi.Scene) -> list[Light]:
+    """Return all emitters of a scene."""
+    lights = []
+    for index, emitter in enumerate(scene.emitters()):
+        flags = int(emitter.flags())
+        kind = emitter_kind(emitter)
+        lights.append(
+            Light(
+                emitter=emitter,
+                name=emitter.id() or f"{kind} {index}",
+                kind=kind,
+                is_infinite=bool(flags & int(mi.EmitterFlags.Infinite))
+                or kind == "DirectionalEmitter",
+                is_delta_position=bool(flags & int(mi.EmitterFlags.DeltaPosition)),
+                is_delta_direction=bool(flags & int(mi.EmitterFlags.DeltaDirection)),
+            )
+        )
+    return lights
+
+
+def emitter_kind(emitter: mi.Emitter) -> str:
+    """Mitsuba class of an emitter."""
+    name: str = emitter.class_name()
+    return name
+

@@ -1,0 +1,101 @@
+"""Diffuse cones: the irradiance that each visible point gathers from the voxels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import drjit as dr
+import mitsuba as mi
+
+from vctgi.clipmap.storage import VoxelVolume
+from vctgi.maths.cones import RINGS, ratio_from_aperture, ring_cone_set
+from vctgi.maths.directions import random_unit
+from vctgi.scene.records import GBuffer
+from vctgi.stages.cone_tracing.march import ConeMarchConfig, march_cone
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiffuseConesConfig:
+    """Which diffuse cones are traced."""
+
+    cone_count: int = 17
+    """Cones a point, one of the sets of `vctgi.maths.cones.RINGS`."""
+    aperture_scale: float = 1.0
+    """Factor on the apertures that cover the hemisphere once, > 0."""
+    is_rotated: bool = True
+    """Whether each pixel turns its cones about the normal by an angle of its own."""
+    march: ConeMarchConfig = field(default_factory=ConeMarchConfig)
+    """How the cones march."""
+
+    def __post_init__(self) -> None:
+        """Refuse sets that do not exist."""
+        if self.cone_count not in RINGS:
+            raise ValueError(
+                f"DiffuseConesConfig.cone_count must be one of {sorted(RINGS)}, "
+                f"got {self.cone_count}."
+            )
+        if not self.aperture_scale > 0.0:
+            raise ValueError(
+                f"DiffuseConesConfig.aperture_scale must be > 0, got {self.aperture_scale}."
+            )
+
+
+def trace_diffuse(gbuffer: GBuffer, volume: VoxelVolume, config: DiffuseConesConfig) -> mi.Color3f:
+    """Gather indirect diffuse light.
+
+    Parameters
+    ----------
+    gbuffer
+        Visible points.
+    volume
+        Lit voxels.
+    config
+        Cone set and march.
+
+    Returns
+    -------
+    mi.Color3f
+        Mean incident radiance E / pi over the cosine-weighted hemisphere, W m^-2 sr^-1; the light
+        reflected to the viewer is this times the albedo.
+    """
+    cones = ring_cone_set(config.cone_count, config.aperture_scale)
+    points = dr.width(gbuffer.position)
+    # Neighbouring lanes trace the same cone of neighbouring pixels, so that they read alike.
+    lane = dr.arange(mi.UInt32, points * cones.cone_count)
+    point, cone = lane % points, lane // points
+    sample_index = dr.gather(mi.UInt32, gbuffer.sample_index, point)
+    axis_local = mi.Vector3f(
+        *(
+            dr.gather(mi.Float, mi.Float([d[i] for d in cones.directions]), cone)
+            for i in range(3)
+        )
+    )
+    ratio = dr.gather(mi.Float, mi.Float([ratio_from_aperture(a) for a in cones.apertures]), cone)
+
+    if config.is_rotated:
+        sin, cos = dr.sincos(2.0 * math.pi * random_unit(sample_index, ROTATION_STREAM))
+        axis_local = mi.Vector3f(
+            cos * axis_local.x - sin * axis_local.y,
+            sin * axis_local.x + cos * axis_local.y,
+            axis_local.z,
+        )
+    normal = dr.gather(mi.Vector3f, gbuffer.normal, point)
+    axis = mi.Frame3f(normal).to_world(axis_local)
+    apex = dr.gather(mi.Point3f, gbuffer.position, point)
+    is_reflecting = gbuffer.is_valid & (dr.max(gbuffer.albedo) > 0.0)
+    active = dr.gather(mi.Bool, is_reflecting, point)
+    # All cones of a picture would otherwise sample the voxels at the same distances.
+    phase = 1.0 - random_unit(sample_index, PHASE_STREAM + cone)
+    traced = march_cone(volume, apex, axis, ratio, phase, config.march, active)
+    dr.eval(traced.radiance)
+
+    gathered = mi.Color3f(0.0)
+    first = dr.arange(mi.UInt32, points)
+    for number, weight in enumerate(cones.weights):
+        gathered += weight * dr.gather(mi.Color3f, traced.radiance, first + number * points)
+    return gathered
+
+
+ROTATION_STREAM, PHASE_STREAM = 100, 200
+"""Hash streams of the cones' rotation and, from the second on, of each cone's phase."""

@@ -1,0 +1,127 @@
+"""The G-buffer: what camera rays meet first, and which lobes it reflects with.
+
+Lobes are measured on the BSDF itself by sampling it, which works for every BSDF that Mitsuba has.
+The diffuse albedo is the mean weight of the samples that a diffuse lobe took. Of the glossy and
+mirror samples the mean direction gives the axis of a cone, and the length of that mean its aperture
+(moment matching, `vctgi.maths.cones.aperture_from_mean_cosine`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from vctgi.maths.cones import aperture_from_mean_cosine
+from vctgi.maths.directions import face_forward, random_unit
+from vctgi.scene.records import GBuffer
+
+
+@dataclass(frozen=True, kw_only=True)
+class GBufferConfig:
+    """How lobes are measured."""
+
+    lobe_sample_count: int = 16
+    """BSDF samples for each point of a surface that is not plainly diffuse, >= 1."""
+
+    def __post_init__(self) -> None:
+        """Refuse to measure nothing."""
+        if self.lobe_sample_count < 1:
+            raise ValueError(
+                f"GBufferConfig.lobe_sample_count must be >= 1, got {self.lobe_sample_count}."
+            )
+
+
+def trace_gbuffer(
+    scene: mi.Scene,
+    ray: mi.RayDifferential3f,
+    sample_index: mi.UInt32,
+    config: GBufferConfig,
+    *,
+    has_specular: bool,
+    has_passing: bool,
+    active: bool | mi.Bool = True,
+) -> GBuffer:
+    """Trace camera rays to their first surface.
+
+    Parameters
+    ----------
+    scene
+        Geometry and materials.
+    ray
+        Camera rays.
+    sample_index
+        Number of each ray in the picture; the same number makes the same random decisions.
+    config
+        Effort for measuring lobes.
+    has_specular, has_passing
+        Whether any BSDF of the scene has such lobes; code for lobes that none has is left out.
+    active
+        Lanes to trace.
+    """
+    si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
+    is_valid = si.is_valid()
+    bsdf = si.bsdf(ray)
+    sample_count = config.lobe_sample_count if has_specular or has_passing else 1
+
+    diffuse = mi.Color3f(0.0)
+    specular = mi.Color3f(0.0)
+    moment = mi.Vector3f(0.0)
+    moment_weight = mi.Float(0.0)
+    for number in range(sample_count):
+        lobe = (number + random_unit(sample_index, 3 * number)) / sample_count
+        point = mi.Point2f(random_unit(sample_index, 3 * number + 1), random_unit(sample_index, 3 * number + 2))
+        sample, raw = bsdf.sample(mi.BSDFContext(), si, lobe, point, is_valid)
+        is_used = is_valid & (sample.pdf > 0.0)
+        weight = dr.select(is_used, mi.Color3f(raw), 0.0) / sample_count
+        diffuse += dr.select(
+            mi.has_flag(sample.sampled_type, mi.BSDFFlags.DiffuseReflection), weight, 0.0
+        )
+        if has_specular:
+            is_glossy = mi.has_flag(
+                sample.sampled_type, mi.BSDFFlags.GlossyReflection
+            ) | mi.has_flag(sample.sampled_type, mi.BSDFFlags.DeltaReflection)
+            share = dr.select(is_glossy, weight, 0.0)
+            specular += share
+            brightness = dr.mean(share)
+            moment += brightness * sample.wo
+            moment_weight += brightness
+    passed = (
+        dr.select(is_valid, mi.Color3f(bsdf.eval_null_transmission(si, is_valid)), 0.0)
+        if has_passing
+        else mi.Color3f(0.0)
+    )
+    normal = face_forward(mi.Vector3f(si.sh_frame.n), -ray.d)
+    axis, aperture = _cone_of_lobe(si, normal, ray.d, moment, moment_weight)
+    return GBuffer(
+        sample_index=sample_index,
+        is_valid=is_valid,
+        position=dr.select(is_valid, si.p, 0.0),
+        normal=normal,
+        ray_direction=ray.d,
+        depth=dr.select(is_valid, si.t, 0.0),
+        albedo=diffuse,
+        specular_albedo=specular,
+        specular_axis=axis,
+        specular_aperture=aperture,
+        passed=passed,
+    )
+
+
+def _cone_of_lobe(
+    si: mi.SurfaceInteraction3f,
+    normal: mi.Vector3f,
+    ray_direction: mi.Vector3f,
+    moment: mi.Vector3f,
+    weight: mi.Float,
+) -> tuple[mi.Vector3f, mi.Float]:
+    """Axis and aperture of the cone whose mean direction is the lobe's."""
+    has_lobe = weight > 0.0
+    mean = moment / dr.select(has_lobe, weight, 1.0)
+    length = dr.norm(mean)
+    mirrored = ray_direction - 2.0 * dr.dot(ray_direction, normal) * normal
+    is_directed = has_lobe & (length > 0.0)
+    axis = dr.select(is_directed, si.to_world(mean / dr.select(length > 0.0, length, 1.0)), mirrored)
+    aperture = dr.select(is_directed, aperture_from_mean_cosine(dr.minimum(length, 1.0)), 0.0)
+    return dr.normalize(axis), aperture

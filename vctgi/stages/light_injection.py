@@ -1,0 +1,136 @@
+"""Light injection: scatter the texels of reflective shadow maps into voxels.
+
+A texel of reflected flux P on a surface of normal n adds P |n_k| / (pi v^2) to the slot of axis k
+that sees the surface from its front: its outgoing radiance times the share of the voxel's face that
+it covers. Sums are made in 64-bit fixed point, so they do not depend on the order of the scatter.
+"""
+
+from __future__ import annotations
+
+import math
+
+import drjit as dr
+import mitsuba as mi
+
+from vctgi.clipmap.levels import LevelLayout
+from vctgi.clipmap.slots import BEHIND_NUDGE, surface_slot
+from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
+from vctgi.maths.directions import DIRECTION_COUNT, other_axes
+from vctgi.scene.records import ReflectiveShadowMap
+
+FIXED_POINT_BITS = 60
+"""The sum of everything that is injected is below 2 to this power."""
+
+
+def inject_light(maps: list[ReflectiveShadowMap], opacity: OpacityClipmap) -> EmittanceClipmap:
+    """Turn lit points into emittance.
+
+    Parameters
+    ----------
+    maps
+        Lit points; those made for one level light only that level.
+    opacity
+        Opacity at each clip level's own resolution. Light goes only where it is not zero: what has
+        no opacity is never seen.
+
+    Returns
+    -------
+    EmittanceClipmap
+        Zero in the mips; the share of flux that found no opacity is kept for each clip level.
+
+    References
+    ----------
+    [Panteleev2014], slides "Light injection".
+    """
+    layout = opacity.layout
+    levels, lost_shares = [], []
+    for level in layout.levels:
+        if level.level >= layout.clip_level_count:
+            levels.append(dr.zeros(mi.Color3f, DIRECTION_COUNT * level.voxel_count))
+            continue
+        lighting = [m for m in maps if m.level in (None, level.level)]
+        emittance, lost_share = _inject_level(lighting, opacity.levels[level.level], level)
+        levels.append(emittance)
+        lost_shares.append(lost_share)
+    return EmittanceClipmap(layout, levels, lost_shares)
+
+
+def _inject_level(
+    maps: list[ReflectiveShadowMap], alpha: mi.Float, level: LevelLayout
+) -> tuple[mi.Color3f, float]:
+    """Emittance of one level, and the share of the flux in its window that was lost."""
+    count = DIRECTION_COUNT * level.voxel_count
+    per_flux = 1.0 / (math.pi * level.voxel_size**2)
+    total = sum(float(dr.sum(dr.max(m.reflected_flux))[0]) for m in maps) * per_flux
+    if total == 0.0:
+        return dr.zeros(mi.Color3f, count), 0.0
+    if not math.isfinite(total):
+        raise ValueError(
+            "inject_light: the reflected flux of the scene's lights is not finite; "
+            "check the emitters' power and the textures."
+        )
+    # A power of two keeps the scaling exact.
+    scale = 2.0 ** (FIXED_POINT_BITS - math.ceil(math.log2(total)))
+    sums = [dr.zeros(mi.Int64, count) for _ in range(3)]
+    found, lost = 0.0, 0.0
+    for rsm in maps:
+        for axis in range(3):
+            found_here, lost_here = _scatter(sums, rsm, alpha, level, axis, per_flux, scale)
+            found += found_here
+            lost += lost_here
+    emittance = mi.Color3f(*(mi.Float(mi.Float64(s) / scale) for s in sums))
+    dr.eval(emittance)
+    return emittance, lost / (found + lost) if found + lost > 0.0 else 0.0
+
+
+def _scatter(
+    sums: list[mi.Int64],
+    rsm: ReflectiveShadowMap,
+    alpha: mi.Float,
+    level: LevelLayout,
+    axis: int,
+    per_flux: float,
+    scale: float,
+) -> tuple[float, float]:
+    """Add the texels of one map to the slots of one axis; return what was found and lost."""
+    slot = surface_slot(rsm.normal[axis])
+    facing = dr.abs(rsm.normal[axis])
+    value = rsm.reflected_flux * (facing * per_flux)
+    local = rsm.position / level.voxel_size - mi.Vector3f(*level.origin)
+    # Along the axis the voxel lies behind the surface; across it the point says where.
+    local[axis] += mi.Float(slot.behind) * BEHIND_NUDGE
+    voxel = mi.Vector3i(dr.floor(local))
+    u, v = other_axes(axis)
+    is_across = _is_held(voxel[u], level) & _is_held(voxel[v], level) & slot.is_facing
+
+    found, lost = 0.0, 0.0
+    for is_behind in (False, True):
+        depth = voxel[axis] + slot.behind if is_behind else voxel[axis]
+        active = is_across & _is_held(depth, level)
+        if is_behind:
+            active &= slot.is_sloped
+        index = _slot_index(voxel, depth, axis, slot.side, level)
+        is_seen = active & (dr.gather(mi.Float, alpha, index, active) > 0.0)
+        for channel in range(3):
+            amount = mi.Int64(dr.round(mi.Float64(value[channel]) * scale))
+            dr.scatter_reduce(dr.ReduceOp.Add, sums[channel], amount, index, is_seen)
+        if not is_behind:
+            brightness = dr.mean(value)
+            found = float(dr.sum(dr.select(is_seen, brightness, 0.0))[0])
+            lost = float(dr.sum(dr.select(active & ~is_seen, brightness, 0.0))[0])
+    return found, lost
+
+
+def _is_held(coordinate: mi.Int32, level: LevelLayout) -> mi.Bool:
+    return (coordinate >= 0) & (coordinate < level.resolution)
+
+
+def _slot_index(
+    voxel: mi.Vector3i, depth: mi.Int32, axis: int, side: mi.UInt32, level: LevelLayout
+) -> mi.UInt32:
+    """Storage index of the slot of a voxel given relative to the window's corner."""
+    local = [voxel[0], voxel[1], voxel[2]]
+    local[axis] = depth
+    resolution = level.resolution
+    x, y, z = (mi.UInt32((local[i] + level.origin[i]) & (resolution - 1)) for i in range(3))
+    return (z * resolution + y) * resolution + x + (2 * axis + side) * level.voxel_count

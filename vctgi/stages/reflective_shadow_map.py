@@ -1,0 +1,197 @@
+"""Reflective shadow maps: where the light of each emitter first lands.
+
+A texel is a ray that leaves the emitter with a share of its power, as Mitsuba's own emitter
+sampling gives it, so every emitter that Mitsuba can sample has a map. Lamps inside the scene get
+one map each. Light from outside (directional, sky) gets one map for each clip level, aimed at that
+level's window, so that its texels are as fine as the voxels that they light.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
+from vctgi.maths.directions import face_forward, kronecker_points, random_unit
+from vctgi.scene.lights import Light
+from vctgi.scene.records import ReflectiveShadowMap
+
+GRAZING_COSINE = 1e-4
+"""Texels that hit a surface at a flatter angle carry no light worth dividing by the cosine for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReflectiveShadowMapConfig:
+    """Resolution of the maps."""
+
+    texels_per_voxel: float = 8.0
+    """Texels along an edge of the map for each voxel along an edge of a level, > 0."""
+    max_texel_count: int = 1 << 24
+    """Texels of all maps together; more lights than that allows get smaller maps."""
+
+    def __post_init__(self) -> None:
+        """Refuse an empty map."""
+        if not self.texels_per_voxel > 0.0:
+            raise ValueError(
+                "ReflectiveShadowMapConfig.texels_per_voxel must be > 0, "
+                f"got {self.texels_per_voxel}."
+            )
+        if self.max_texel_count < 1:
+            raise ValueError(
+                "ReflectiveShadowMapConfig.max_texel_count must be >= 1, "
+                f"got {self.max_texel_count}."
+            )
+
+
+def render_reflective_shadow_maps(
+    scene: mi.Scene,
+    lights: list[Light],
+    layout: ClipmapLayout,
+    config: ReflectiveShadowMapConfig,
+) -> list[ReflectiveShadowMap]:
+    """Trace the light of every emitter to where it first lands.
+
+    Parameters
+    ----------
+    scene
+        Geometry and materials.
+    lights
+        Emitters to trace.
+    layout
+        Clipmap that the maps will light; sets their resolution and aim.
+    config
+        Texels per voxel.
+
+    Returns
+    -------
+    list of ReflectiveShadowMap
+        One for each finite light, one for each clip level and infinite light.
+
+    References
+    ----------
+    [Dachsbacher2005] C. Dachsbacher, M. Stamminger, Reflective shadow maps.
+    """
+    map_count = sum(layout.clip_level_count if light.is_infinite else 1 for light in lights)
+    edge = _map_edge(layout, config, map_count)
+    maps = []
+    for light in lights:
+        if light.is_infinite:
+            for level in layout.clip_levels:
+                ray, flux = _rays_from_outside(scene, light, level, edge)
+                maps.append(_land(scene, ray, flux, light.name, level.level))
+        else:
+            ray, flux = _rays_from_lamp(light, edge)
+            maps.append(_land(scene, ray, flux, light.name, None))
+    return maps
+
+
+def _map_edge(layout: ClipmapLayout, config: ReflectiveShadowMapConfig, map_count: int) -> int:
+    """Texels along an edge of each map."""
+    wanted = math.ceil(config.texels_per_voxel * layout.resolution)
+    affordable = math.isqrt(config.max_texel_count // max(map_count, 1))
+    if affordable < 1:
+        raise ValueError(
+            f"render_reflective_shadow_maps: {map_count} maps do not fit "
+            f"max_texel_count = {config.max_texel_count}; raise it."
+        )
+    return min(wanted, affordable)
+
+
+def _grid(edge: int) -> tuple[mi.UInt32, mi.Point2f]:
+    """Texel numbers and the centres of a regular grid of texels."""
+    index = dr.arange(mi.UInt32, edge * edge)
+    return index, (mi.Point2f(index % edge, index // edge) + 0.5) / edge
+
+
+def _rays_from_lamp(light: Light, edge: int) -> tuple[mi.Ray3f, mi.Color3f]:
+    """Rays that share the power of a lamp inside the scene, and the power of each, W."""
+    index, texel = _grid(edge)
+    # The grid goes to the domain that the light really has: directions of a point, positions of a
+    # lamp that shines one way; an area light has both, and its directions follow a sequence.
+    spread = kronecker_points(index)
+    position = spread if light.is_delta_position else texel
+    direction = texel if light.is_delta_position else spread
+    ray, weight = light.emitter.sample_ray(0.0, 0.5, position, direction)
+    return ray, mi.Color3f(weight) / (edge * edge)
+
+
+def _rays_from_outside(
+    scene: mi.Scene, light: Light, level: LevelLayout, edge: int
+) -> tuple[mi.Ray3f, mi.Color3f]:
+    """Rays of a distant light aimed at one window, and the power of each, W.
+
+    Each texel has a direction drawn by the emitter and a place on a disc across that direction
+    which covers the part of the scene in the window.
+    """
+    box = scene.bbox()
+    low = np.maximum(np.array(box.min).ravel(), level.window_min)
+    high = np.minimum(np.array(box.max).ravel(), level.window_max)
+    high = np.maximum(high, low)
+    centre = 0.5 * (low + high)
+    radius = max(0.5 * float(np.linalg.norm(high - low)), 0.5 * level.voxel_size)
+    whole = box.extents()
+    # From far enough that nothing of the scene stands behind the disc.
+    outside = 2.0 * float(dr.norm(whole)) + radius
+
+    index, texel = _grid(edge)
+    it = dr.zeros(mi.SurfaceInteraction3f, dr.width(index))
+    it.p = mi.Point3f(*centre.tolist())
+    sample, irradiance = light.emitter.sample_direction(it, kronecker_points(index))
+    # Light falls from the sampled point on the distant sphere towards the window.
+    towards_light = sample.d
+    disc = mi.warp.square_to_uniform_disk_concentric(texel) * radius
+    frame = mi.Frame3f(towards_light)
+    origin = it.p + frame.s * disc.x + frame.t * disc.y + towards_light * outside
+    area = math.pi * radius**2
+    return mi.Ray3f(origin, -towards_light), mi.Color3f(irradiance) * (area / (edge * edge))
+
+
+def _land(
+    scene: mi.Scene, ray: mi.Ray3f, flux: mi.Color3f, name: str, level: int | None
+) -> ReflectiveShadowMap:
+    """Find what rays hit and how much of their power the surface reflects."""
+    is_lit = dr.max(flux) > 0.0
+    si = scene.ray_intersect(ray, is_lit)
+    cosine = dr.abs(dr.dot(si.n, ray.d))
+    hit = dr.compress(si.is_valid() & is_lit & (cosine > GRAZING_COSINE))
+    si = dr.gather(mi.SurfaceInteraction3f, si, hit)
+    flux, cosine = dr.gather(mi.Color3f, flux, hit), dr.gather(mi.Float, cosine, hit)
+    direction = dr.gather(mi.Vector3f, ray.d, hit)
+    # Interpolated normals change the irradiance that Mitsuba's shading sees; so must ours.
+    shaded = flux * (dr.abs(mi.Frame3f.cos_theta(si.wi)) / cosine)
+    reflected = shaded * hemispherical_albedo(si, dr.arange(mi.UInt32, dr.width(hit)))
+    result = ReflectiveShadowMap(
+        light_name=name,
+        level=level,
+        position=si.p,
+        normal=face_forward(mi.Vector3f(si.n), -direction),
+        incident_flux=flux,
+        reflected_flux=reflected,
+    )
+    dr.eval(result)
+    return result
+
+
+ALBEDO_SAMPLES = 2
+"""BSDF samples for each texel; many texels light a voxel."""
+
+
+def hemispherical_albedo(si: mi.SurfaceInteraction3f, index: mi.UInt32) -> mi.Color3f:
+    """Share of the light from `si.wi` that a surface reflects, all reflecting lobes together.
+
+    Exact for diffuse BSDFs, whose sample weight is their albedo; for others an unbiased estimate.
+    """
+    bsdf = si.bsdf()
+    albedo = mi.Color3f(0.0)
+    for number in range(ALBEDO_SAMPLES):
+        lobe = (number + random_unit(index, 3 * number)) / ALBEDO_SAMPLES
+        point = mi.Point2f(random_unit(index, 3 * number + 1), random_unit(index, 3 * number + 2))
+        sample, weight = bsdf.sample(mi.BSDFContext(), si, lobe, point)
+        is_reflection = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Reflection)
+        is_used = is_reflection & (sample.pdf > 0.0)
+        albedo += dr.select(is_used, mi.Color3f(weight), 0.0) / ALBEDO_SAMPLES
+    return albedo
