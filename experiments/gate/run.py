@@ -1,0 +1,178 @@
+"""All gates of a file: render, compare or update, report, and say it in an exit code."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from experiments.errors import InputError, MachineryError
+from experiments.gate.baseline import baseline_path, read_baseline
+from experiments.gate.evaluation import evaluate, exit_code, failed_verdict, verdict_of
+from experiments.gate.finding import Finding
+from experiments.gate.mutants import check_mutants
+from experiments.gate.order import check_order
+from experiments.gate.specification import GatesFile, GateSpec, load_gates
+from experiments.gate.summary import github_annotations, markdown_summary
+from experiments.gate.update import update_baselines
+from reports.junit import Verdict, write_junit
+from reports.record import Record
+
+Render = Callable[[GateSpec], tuple[Record, Path]]
+"""Renders what a gate asks for; returns the record and its file."""
+
+
+@dataclass(frozen=True)
+class GateRun:
+    """What a run over all gates found."""
+
+    verdicts: tuple[Verdict, ...]
+    update_command: str
+
+    @property
+    def exit_code(self) -> int:
+        """0 all passed; else the first that applies of 1 gate failed, 2 input, 3 machinery."""
+        return exit_code(self.verdicts)
+
+
+def run_gate(  # noqa: PLR0913 - the options of one command, all named at the call
+    gates_file: Path,
+    render: Render,
+    *,
+    junit: Path | None = None,
+    markdown: Path | None = None,
+    update_reason: str | None = None,
+    mutants: bool = False,
+) -> int:
+    """Check every gate of a file, or update its baselines.
+
+    Writes one line per failed check to stderr and, where the environment has GITHUB_ACTIONS, at
+    most ten annotations to stdout.
+
+    Parameters
+    ----------
+    gates_file
+        A `gates.toml`.
+    render
+        Renders what a gate asks for. What it raises is the verdict of that gate, kind `refused`
+        for an InputError and `error` for all else; the other gates go on.
+    junit, markdown
+        Files to write: all verdicts as JUnit XML; the failures as Markdown.
+    update_reason
+        Given: write baselines with this reason instead of comparing.
+    mutants
+        Also plant the mutants of every gate and demand that each is caught.
+
+    Returns
+    -------
+    int
+        Exit code, see `GateRun.exit_code`.
+
+    Raises
+    ------
+    InputError
+        When the gates file cannot be used or the reason is empty: nothing was rendered.
+    MachineryError
+        When a report cannot be written.
+    """
+    result = check_gates(gates_file, render, update_reason=update_reason, mutants=mutants)
+    try:
+        if junit is not None:
+            write_junit(result.verdicts, junit)
+        if markdown is not None:
+            markdown.parent.mkdir(parents=True, exist_ok=True)
+            text = markdown_summary(result.verdicts, result.update_command)
+            markdown.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise MachineryError(
+            f"cannot write the report ({error.strerror})",
+            str(error.filename),
+            "choose another path",
+        ) from error
+    for verdict in result.verdicts:
+        if not verdict.passed:
+            line = " ".join(f"{verdict.gate} [{verdict.kind}]: {verdict.message}".split())
+            sys.stderr.write(f"{line}\n")
+    if os.environ.get("GITHUB_ACTIONS"):
+        sys.stdout.writelines(f"{line}\n" for line in github_annotations(result.verdicts))
+    return result.exit_code
+
+
+def check_gates(
+    gates_file: Path, render: Render, *, update_reason: str | None = None, mutants: bool = False
+) -> GateRun:
+    """Do the work of `run_gate` without writing any report.
+
+    Raises
+    ------
+    InputError
+        When the gates file cannot be used or the reason is empty: nothing was rendered.
+    """
+    content = load_gates(gates_file)
+    if update_reason is not None and not update_reason.strip():
+        raise InputError("no reason", "--reason", "say why the new numbers are right")
+    command = f"vctgi gate {shlex.quote(str(gates_file))} --update --reason TEXT"
+    folder = gates_file.parent / content.baselines
+    verdicts: list[Verdict] = []
+    records: dict[str, Record] = {}
+    for gate in content.gates:
+        start = time.perf_counter()
+        try:
+            record, record_path = render(gate)
+        except Exception as error:  # one gate must not end the others
+            verdicts.append(failed_verdict(gate, "render", error, time.perf_counter() - start))
+            continue
+        records[gate.name] = record
+        if update_reason is None:
+            verdicts += _compare(gate, record, record_path, folder, command, mutants)
+        else:
+            update = partial(_update, gate, record, record_path, folder, update_reason)
+            verdicts.append(verdict_of(gate, "baseline", update))
+    if update_reason is None:
+        verdicts += _orders(content, records)
+    return GateRun(tuple(verdicts), command)
+
+
+def _compare(  # noqa: PLR0913 - the pieces of one comparison
+    gate: GateSpec,
+    record: Record,
+    record_path: Path,
+    folder: Path,
+    update_command: str,
+    mutants: bool,
+) -> list[Verdict]:
+    try:
+        baseline = read_baseline(baseline_path(folder, gate, record.machine.backend))
+    except InputError as error:
+        return [failed_verdict(gate, "baseline", error, 0.0)]
+    verdicts = evaluate(record, record_path, gate, baseline, update_command=update_command)
+    if mutants and baseline is not None:
+        with tempfile.TemporaryDirectory(prefix="vctgi-mutants-") as scratch:
+            verdicts += check_mutants(record, record_path, gate, baseline, Path(scratch))
+    return verdicts
+
+
+def _update(
+    gate: GateSpec, record: Record, record_path: Path, folder: Path, reason: str
+) -> Finding:
+    (path,) = update_baselines([(gate, record, record_path)], folder, reason)
+    return Finding(
+        kind="update", passed=True, value=None, limit="a reason", message=f"wrote {path}: {reason}"
+    )
+
+
+def _orders(content: GatesFile, records: dict[str, Record]) -> list[Verdict]:
+    """Compare pairs of records; a pair whose render failed has its verdict there already."""
+    gates = {gate.name: gate for gate in content.gates}
+    verdicts = []
+    for order in content.orders:
+        if order.better in records and order.worse in records:
+            check = partial(check_order, order, records[order.better], records[order.worse])
+            verdicts.append(verdict_of(gates[order.better], f"order {order.name}", check))
+    return verdicts
