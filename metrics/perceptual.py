@@ -30,7 +30,7 @@ DEFAULT_PIXELS_PER_DEGREE = 67.0206
 """A 3840-pixel display 0.7 m wide seen from 0.7 m, FLIP's own default."""
 
 INTERVAL_PIXEL_LIMIT = 128 * 128
-"""Largest image whose mean FLIP gets an interval, which costs M more evaluations."""
+"""Largest image whose mean FLIP gets an interval, which costs M + 1 more evaluations."""
 
 EXPOSED_WHITE = 0.85
 """Tone-mapped value to which the first exposure takes the brightest pixel, the last the median."""
@@ -166,7 +166,7 @@ def mean_flip(
     """Mean HDR-FLIP of the test against the mean of the batches.
 
     With an interval, and the first-order bias of reference noise removed, where the image has at
-    most `interval_pixel_limit` pixels; above that the M further evaluations cost seconds, and the
+    most `interval_pixel_limit` pixels; above that the M + 1 further evaluations cost seconds, and the
     value is the plain mean of the map, which holds the reference's noise.
 
     Parameters

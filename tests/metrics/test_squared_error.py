@@ -94,7 +94,7 @@ def test_the_true_image_has_expectation_zero(truth: Array, metric: object) -> No
 
 @pytest.mark.parametrize(
     ("batch_noise", "largest_share"),
-    # Measured: -0.03 (0.18) % and -8 (2) %. The second reference has 18 % noise in each pixel of its mean.
+    # Measured: -0.03 (0.18) % and -8 (2) %. In the second, the mean has 18 % noise in each pixel.
     [(0.1, 0.01), (0.5, 0.12)],
 )
 def test_bias_left_by_a_noisy_denominator(
