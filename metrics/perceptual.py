@@ -166,8 +166,8 @@ def mean_flip(
     """Mean HDR-FLIP of the test against the mean of the batches.
 
     With an interval, and the first-order bias of reference noise removed, where the image has at
-    most `interval_pixel_limit` pixels; above that the M + 1 further evaluations cost seconds, and the
-    value is the plain mean of the map, which holds the reference's noise.
+    most `interval_pixel_limit` pixels. Above that the M + 1 further evaluations cost seconds, and
+    the value is the plain mean of the map, which holds the reference's noise.
 
     Parameters
     ----------
