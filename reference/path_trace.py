@@ -157,9 +157,16 @@ def _wanted(request: ReferenceRequest) -> list[str]:
 
 def _has_specular_lobe(scene: mi.Scene) -> bool:
     """Whether any BSDF, nested ones included, scatters in another way than diffusely."""
-    others = int(mi.BSDFFlags.All) & ~int(mi.BSDFFlags.Diffuse)
     bsdfs = (node for node in scene_objects(scene) if isinstance(node, mi.BSDF))
-    return any(int(bsdf.flags()) & others for bsdf in bsdfs)
+    return any(_is_not_only_diffuse(bsdf) for bsdf in bsdfs)
+
+
+def _is_diffuse(bsdf: mi.BSDF) -> bool:
+    return bool(int(bsdf.flags()) & int(mi.BSDFFlags.Diffuse))
+
+
+def _is_not_only_diffuse(bsdf: mi.BSDF) -> bool:
+    return bool(int(bsdf.flags()) & int(mi.BSDFFlags.All) & ~int(mi.BSDFFlags.Diffuse))
 
 
 def _notes(tracer: Tracer) -> list[str]:
@@ -170,7 +177,8 @@ def _notes(tracer: Tracer) -> list[str]:
         notes.append("indirect_specular is exactly zero: every BSDF is diffuse.")
     else:
         bsdfs = [node for node in objects if isinstance(node, mi.BSDF)]
-        for name in sorted({node.class_name() for node in bsdfs if not heeds_lobe_mask(node)}):
+        both = [node for node in bsdfs if _is_diffuse(node) and _is_not_only_diffuse(node)]
+        for name in sorted({node.class_name() for node in both if not heeds_lobe_mask(node)}):
             notes.append(
                 f"{name} does not evaluate its lobes apart: indirect light goes to "
                 "indirect_diffuse or indirect_specular by the lobe that Mitsuba sampled."
