@@ -33,10 +33,6 @@ from vctgi.stages.light_injection import inject_light
 from vctgi.stages.reflective_shadow_map import render_reflective_shadow_maps
 from vctgi.stages.voxelization.opacity import voxelize_opacity
 
-MAX_CONES_PER_PASS = 1 << 25
-"""Cones that are traced at a time; bounds the memory of a pass."""
-
-
 class StageClock(Protocol):
     """Something that can time a stage."""
 
@@ -206,26 +202,23 @@ def render_frame(
     """
     width, height = (int(n) for n in prepared.sensor.film().crop_size())
     pixel_count = width * height
-    rows_per_pass = max(1, MAX_CONES_PER_PASS // (config.diffuse.cone_count * width))
     sums = {name: dr.zeros(mi.Float, pixel_count * n) for name, n in CHANNELS.items()}
+    pixel = dr.arange(mi.UInt32, pixel_count)
     for number in range(config.samples_per_pixel):
-        for first_row in range(0, height, rows_per_pass):
-            rows = min(rows_per_pass, height - first_row)
-            pixel = dr.arange(mi.UInt32, rows * width) + first_row * width
-            sample_index = dr.opaque(mi.UInt32, number + seed * SEED_STRIDE) * pixel_count + pixel
-            with clock("G-buffer"):
-                ray = _camera_rays(prepared.sensor, pixel, sample_index, number)
-                gbuffer = trace_gbuffer(
-                    prepared.scene,
-                    ray,
-                    sample_index,
-                    config.gbuffer,
-                    has_specular=prepared.plan.has_specular,
-                    has_passing=prepared.plan.has_passing,
-                )
-                dr.eval(gbuffer)
-            light = gather_light(gbuffer, volume, prepared.plan, config, clock)
-            _accumulate(sums, gbuffer, light, pixel, config.samples_per_pixel)
+        sample_index = dr.opaque(mi.UInt32, number + seed * SEED_STRIDE) * pixel_count + pixel
+        with clock("G-buffer"):
+            ray = _camera_rays(prepared.sensor, pixel, sample_index, number)
+            gbuffer = trace_gbuffer(
+                prepared.scene,
+                ray,
+                sample_index,
+                config.gbuffer,
+                has_specular=prepared.plan.has_specular,
+                has_passing=prepared.plan.has_passing,
+            )
+            dr.eval(gbuffer)
+        light = gather_light(gbuffer, volume, prepared.plan, config, clock)
+        _accumulate(sums, gbuffer, light, pixel, config.samples_per_pixel)
     shaped = {
         name: mi.TensorXf(sums[name], (height, width, n)) for name, n in CHANNELS.items()
     }

@@ -155,12 +155,17 @@ def _land(
 ) -> ReflectiveShadowMap:
     """Find what rays hit and how much of their power the surface reflects."""
     is_lit = dr.max(flux) > 0.0
-    si = scene.ray_intersect(ray, is_lit)
+    # First only which rays hit, then the surface of those.
+    found = scene.ray_intersect_preliminary(ray, True, is_lit)
+    dr.eval(found, ray, flux)
+    hit = dr.compress(found.is_valid() & is_lit)
+    ray = dr.gather(mi.Ray3f, ray, hit)
+    flux = dr.gather(mi.Color3f, flux, hit)
+    si = dr.gather(type(found), found, hit).compute_surface_interaction(ray)
     cosine = dr.abs(dr.dot(si.n, ray.d))
-    hit = dr.compress(si.is_valid() & is_lit & (cosine > GRAZING_COSINE))
-    si = dr.gather(mi.SurfaceInteraction3f, si, hit)
-    flux, cosine = dr.gather(mi.Color3f, flux, hit), dr.gather(mi.Float, cosine, hit)
-    direction = dr.gather(mi.Vector3f, ray.d, hit)
+    is_grazing = cosine <= GRAZING_COSINE
+    flux = dr.select(is_grazing, 0.0, flux)
+    cosine = dr.select(is_grazing, 1.0, cosine)
     # Interpolated normals change the irradiance that Mitsuba's shading sees; so must ours.
     shaded = flux * (dr.abs(mi.Frame3f.cos_theta(si.wi)) / cosine)
     reflected = shaded * hemispherical_albedo(si, dr.arange(mi.UInt32, dr.width(hit)))
@@ -168,7 +173,7 @@ def _land(
         light_name=name,
         level=level,
         position=si.p,
-        normal=face_forward(mi.Vector3f(si.n), -direction),
+        normal=face_forward(mi.Vector3f(si.n), -ray.d),
         incident_flux=flux,
         reflected_flux=reflected,
     )

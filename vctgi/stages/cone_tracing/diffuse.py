@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
-from vctgi.maths.cones import RINGS, ratio_from_aperture, ring_cone_set
+from vctgi.maths.cones import RINGS, ConeSet, ratio_from_aperture, ring_cone_set
 from vctgi.maths.directions import random_unit
 from vctgi.scene.records import GBuffer
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, march_cone
@@ -61,6 +61,23 @@ def trace_diffuse(gbuffer: GBuffer, volume: VoxelVolume, config: DiffuseConesCon
     """
     cones = ring_cone_set(config.cone_count, config.aperture_scale)
     points = dr.width(gbuffer.position)
+    block = max(1, MAX_CONES_PER_PASS // cones.cone_count)
+    if points <= block:
+        return _trace_block(gbuffer, volume, cones, config)
+    gathered = dr.zeros(mi.Color3f, points)
+    for begin in range(0, points, block):
+        index = dr.arange(mi.UInt32, min(block, points - begin)) + begin
+        part = dr.gather(GBuffer, gbuffer, index)
+        dr.scatter(gathered, _trace_block(part, volume, cones, config), index)
+        dr.eval(gathered)
+    return gathered
+
+
+def _trace_block(
+    gbuffer: GBuffer, volume: VoxelVolume, cones: ConeSet, config: DiffuseConesConfig
+) -> mi.Color3f:
+    """Gather the light of as many points as fit one pass."""
+    points = dr.width(gbuffer.position)
     # Neighbouring lanes trace the same cone of neighbouring pixels, so that they read alike.
     lane = dr.arange(mi.UInt32, points * cones.cone_count)
     point, cone = lane % points, lane // points
@@ -96,6 +113,9 @@ def trace_diffuse(gbuffer: GBuffer, volume: VoxelVolume, config: DiffuseConesCon
         gathered += weight * dr.gather(mi.Color3f, traced.radiance, first + number * points)
     return gathered
 
+
+MAX_CONES_PER_PASS = 1 << 25
+"""Cones that are traced at a time; bounds the memory of a pass."""
 
 ROTATION_STREAM, PHASE_STREAM = 100, 200
 """Hash streams of the cones' rotation and, from the second on, of each cone's phase."""

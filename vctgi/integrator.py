@@ -1,0 +1,149 @@
+"""The Mitsuba plugin `vctgi`: a sampling integrator that replaces indirect light by cones.
+
+Emission and direct light come from Mitsuba's own `direct` integrator; light of one bounce comes
+from voxel cones. The voxels are made anew at every `render`, so scene parameters that were changed
+through `mi.traverse` are seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from vctgi.config import PRESETS, RenderConfig, preset
+from vctgi.pipeline import PreparedScene, gather_light, light_volume, prepare_scene
+from vctgi.clipmap.storage import VoxelVolume
+from vctgi.stages.gbuffer import trace_gbuffer
+
+PLUGIN_NAME = "vctgi"
+
+SUPPORTED_VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")
+
+AOV_NAMES = [
+    *(f"{name}.{c}" for name in ("direct", "indirect_diffuse", "indirect_specular", "albedo")
+      for c in "RGB"),
+    *(f"normal.{c}" for c in "XYZ"),
+    "depth.Z",
+]
+"""Channels that follow the colour: components in W m^-2 sr^-1, albedo, normal, ray distance."""
+
+
+def register() -> None:
+    """Register the plugin for the variant that is set, and for every variant set later."""
+    mi.detail.add_variant_callback(_on_variant)
+    if mi.variant() is not None:
+        _on_variant(None, mi.variant())
+
+
+def _on_variant(_old: str | None, new: str) -> None:
+    """Define the class for a variant: its base class belongs to one."""
+    factory = _integrator_class() if new in SUPPORTED_VARIANTS else _refuse
+    mi.register_integrator(PLUGIN_NAME, factory)
+
+
+def _refuse(_props: mi.Properties) -> mi.Integrator:
+    raise ValueError(
+        f"vctgi: the variant '{mi.variant()}' is not supported; "
+        f"set one of {', '.join(SUPPORTED_VARIANTS)}."
+    )
+
+
+def _config_from_properties(props: mi.Properties) -> tuple[str, RenderConfig]:
+    """Read the preset and what overrides it from a plugin's properties."""
+    name = str(props.get("preset", "high"))
+    config = preset(name)
+    resolution = int(props.get("resolution", config.clipmap.resolution))
+    cone_count = int(props.get("cone_count", config.diffuse.cone_count))
+    scale = float(props.get("aperture_scale", config.diffuse.aperture_scale))
+    return name, replace(
+        config,
+        clipmap=replace(config.clipmap, resolution=resolution),
+        diffuse=replace(config.diffuse, cone_count=cone_count, aperture_scale=scale),
+    )
+
+
+def _integrator_class() -> Any:  # noqa: ANN401
+    """Return the plugin's class for the variant that is set."""
+
+    class VoxelConeTracing(mi.SamplingIntegrator):  # type: ignore[misc]
+        """Direct light by sampling, one bounce by voxel cone tracing.
+
+        Properties: `preset` (one of the named presets, default high), and overrides of it:
+        `resolution`, `cone_count`, `aperture_scale`; `hide_emitters` as in `direct`.
+        Does not: more than one bounce, media, polarisation.
+        """
+
+        def __init__(self, props: mi.Properties) -> None:
+            super().__init__(props)
+            self.preset_name, self.config = _config_from_properties(props)
+            self.direct = mi.load_dict({"type": "direct", "hide_emitters": self.hide_emitters})
+            self.prepared: PreparedScene | None = None
+            self.volume: VoxelVolume | None = None
+
+        def render(  # noqa: PLR0913
+            self,
+            scene: mi.Scene,
+            sensor: mi.Sensor | int = 0,
+            seed: int = 0,
+            spp: int = 0,
+            develop: bool = True,
+            evaluate: bool = True,
+        ) -> mi.TensorXf:
+            """Voxelize and light the scene, then render it as any sampling integrator."""
+            camera = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
+            self.prepared = prepare_scene(scene, camera, self.config)
+            self.volume = light_volume(self.prepared, self.config).volume
+            return super().render(scene, camera, seed, spp, develop, evaluate)
+
+        def sample(
+            self,
+            scene: mi.Scene,
+            sampler: mi.Sampler,
+            ray: mi.RayDifferential3f,
+            medium: mi.Medium | None = None,
+            active: bool | mi.Bool = True,
+        ) -> tuple[mi.Color3f, mi.Bool, list[mi.Float]]:
+            """Radiance along camera rays, and its components."""
+            if self.prepared is None or self.volume is None:
+                raise RuntimeError(
+                    "vctgi: sample() was called before render(); the voxels do not exist yet."
+                )
+            sample_index = dr.reinterpret_array(mi.UInt32, sampler.next_1d(active))
+            plan = self.prepared.plan
+            gbuffer = trace_gbuffer(
+                scene,
+                ray,
+                sample_index,
+                self.config.gbuffer,
+                has_specular=plan.has_specular,
+                has_passing=plan.has_passing,
+                active=active,
+            )
+            dr.eval(gbuffer)
+            light = gather_light(gbuffer, self.volume, plan, self.config)
+            direct, is_valid, _ = self.direct.sample(scene, sampler, ray, medium, active)
+            total = direct + light.diffuse + light.specular
+            normal = dr.select(gbuffer.is_valid, gbuffer.normal, 0.0)
+            aovs = [*direct, *light.diffuse, *light.specular, *gbuffer.albedo, *normal]
+            return total, is_valid, [*aovs, gbuffer.depth]
+
+        def aov_names(self) -> list[str]:
+            """Names of the channels after the colour."""
+            return AOV_NAMES
+
+        def traverse(self, callback: mi.TraversalCallback) -> None:
+            """Expose nothing yet: no parameter of the cones is differentiable."""
+
+        def to_string(self) -> str:
+            """One line for logs."""
+            return f"VoxelConeTracing[preset={self.preset_name}]"
+
+    return VoxelConeTracing
+
+
+def known_presets() -> list[str]:
+    """Names that the property `preset` takes."""
+    return list(PRESETS)
