@@ -23,8 +23,11 @@ PLUGIN_NAME = "vctgi"
 SUPPORTED_VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")
 
 AOV_NAMES = [
-    *(f"{name}.{c}" for name in ("direct", "indirect_diffuse", "indirect_specular", "albedo")
-      for c in "RGB"),
+    *(
+        f"{name}.{c}"
+        for name in ("direct", "indirect_diffuse", "indirect_specular", "albedo")
+        for c in "RGB"
+    ),
     *(f"normal.{c}" for c in "XYZ"),
     "depth.Z",
 ]

@@ -1,8 +1,8 @@
 """The order of the stages, and nothing else.
 
-    scene -> triangles, materials, lights -> plan
-    plan -> opacity voxelization -> reflective shadow maps -> injection -> downsampling = volume
-    volume -> G-buffer -> diffuse cones, specular cones -> composite = frame
+scene -> triangles, materials, lights -> plan
+plan -> opacity voxelization -> reflective shadow maps -> injection -> downsampling = volume
+volume -> G-buffer -> diffuse cones, specular cones -> composite = frame
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from vctgi.stages.gbuffer import trace_gbuffer
 from vctgi.stages.light_injection import inject_light
 from vctgi.stages.reflective_shadow_map import render_reflective_shadow_maps
 from vctgi.stages.voxelization.opacity import voxelize_opacity
+
 
 class StageClock(Protocol):
     """Something that can time a stage."""
@@ -219,9 +220,7 @@ def render_frame(
             dr.eval(gbuffer)
         light = gather_light(gbuffer, volume, prepared.plan, config, clock)
         _accumulate(sums, gbuffer, light, pixel, config.samples_per_pixel)
-    shaped = {
-        name: mi.TensorXf(sums[name], (height, width, n)) for name, n in CHANNELS.items()
-    }
+    shaped = {name: mi.TensorXf(sums[name], (height, width, n)) for name, n in CHANNELS.items()}
     return Frame(**shaped)
 
 
@@ -248,9 +247,7 @@ def _camera_rays(
     )
     lens = mi.Point2f(random_unit(sample_index, 1), random_unit(sample_index, 2))
     time = sensor.shutter_open() + sensor.shutter_open_time() * random_unit(sample_index, 3)
-    ray, _ = sensor.sample_ray_differential(
-        time, random_unit(sample_index, 4), position, lens
-    )
+    ray, _ = sensor.sample_ray_differential(time, random_unit(sample_index, 4), position, lens)
     return ray
 
 

@@ -179,13 +179,9 @@ def lay_out_clipmap(
     return ClipmapLayout(levels=tuple(levels), clip_level_count=level_count, centre=centre)
 
 
-def _level(
-    level: int, voxel_size: float, resolution: int, origin: tuple[int, ...]
-) -> LevelLayout:
+def _level(level: int, voxel_size: float, resolution: int, origin: tuple[int, ...]) -> LevelLayout:
     x, y, z = origin
-    return LevelLayout(
-        level=level, voxel_size=voxel_size, resolution=resolution, origin=(x, y, z)
-    )
+    return LevelLayout(level=level, voxel_size=voxel_size, resolution=resolution, origin=(x, y, z))
 
 
 def _snapped_origin(centre: float, voxel_size: float, resolution: int, snap: int) -> int:

@@ -146,7 +146,5 @@ def optical_depth(opacity: mi.Float) -> tuple[mi.Float, mi.Float]:
     """
     depth = -dr.log(1.0 - dr.minimum(opacity, 1.0 - math.exp(-OPTICAL_DEPTH_CAP)))
     is_thin = opacity < THIN_OPACITY
-    ratio = dr.select(
-        is_thin, dr.fma(0.5, opacity, 1.0), depth / dr.select(is_thin, 1.0, opacity)
-    )
+    ratio = dr.select(is_thin, dr.fma(0.5, opacity, 1.0), depth / dr.select(is_thin, 1.0, opacity))
     return depth, ratio

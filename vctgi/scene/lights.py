@@ -71,4 +71,3 @@ def emitter_kind(emitter: mi.Emitter) -> str:
     """Mitsuba class of an emitter."""
     name: str = emitter.class_name()
     return name
-

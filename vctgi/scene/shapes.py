@@ -102,9 +102,7 @@ def _shape_groups(scene: mi.Scene) -> list[mi.Shape]:
     return [s for s in _children(scene) if s.class_name().startswith("ShapeGroup")]
 
 
-def _add_instance(
-    shapes: ShapeList, instance: mi.Shape, name: str, groups: list[mi.Shape]
-) -> None:
+def _add_instance(shapes: ShapeList, instance: mi.Shape, name: str, groups: list[mi.Shape]) -> None:
     """Append the meshes of an instance's group, moved to where the instance stands."""
     to_world = _matrix(mi.traverse(instance)["to_world"])
     # Mitsuba does not tell which group an instance shows, so its bounding box has to.
@@ -230,9 +228,7 @@ def _tessellated(shape: mi.Shape, name: str) -> ShapeMesh:
     faces[facing < 0.0] = faces[facing < 0.0][:, ::-1]
     # The cells at a pole or at a disk's centre have one triangle without area.
     edges = positions[faces]
-    area = np.linalg.norm(
-        np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]), axis=1
-    )
+    area = np.linalg.norm(np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]), axis=1)
     faces = faces[area > POLE_AREA]
     return _moved(ShapeMesh(shape, name, positions, faces, uv, is_in_scene=False), to_world)
 

@@ -49,9 +49,7 @@ def downsample(
         alphas.append(alpha)
         if merged_color is not None:
             colors.append(merged_color)
-    lit = (
-        EmittanceClipmap(layout, colors, list(emittance.lost_flux_share)) if emittance else None
-    )
+    lit = EmittanceClipmap(layout, colors, list(emittance.lost_flux_share)) if emittance else None
     return OpacityClipmap(layout, alphas), lit
 
 
@@ -116,4 +114,3 @@ def _merge_columns(
                 )
                 mean_color += 0.25 * dr.fma(share, back_color, front_color)
     return mean_alpha, mean_color
-

@@ -71,7 +71,9 @@ def trace_gbuffer(
     moment_weight = mi.Float(0.0)
     for number in range(sample_count):
         lobe = (number + random_unit(sample_index, 3 * number)) / sample_count
-        point = mi.Point2f(random_unit(sample_index, 3 * number + 1), random_unit(sample_index, 3 * number + 2))
+        point = mi.Point2f(
+            random_unit(sample_index, 3 * number + 1), random_unit(sample_index, 3 * number + 2)
+        )
         sample, raw = bsdf.sample(mi.BSDFContext(), si, lobe, point, is_valid)
         is_used = is_valid & (sample.pdf > 0.0)
         weight = dr.select(is_used, mi.Color3f(raw), 0.0) / sample_count
@@ -122,6 +124,8 @@ def _cone_of_lobe(
     length = dr.norm(mean)
     mirrored = ray_direction - 2.0 * dr.dot(ray_direction, normal) * normal
     is_directed = has_lobe & (length > 0.0)
-    axis = dr.select(is_directed, si.to_world(mean / dr.select(length > 0.0, length, 1.0)), mirrored)
+    axis = dr.select(
+        is_directed, si.to_world(mean / dr.select(length > 0.0, length, 1.0)), mirrored
+    )
     aperture = dr.select(is_directed, aperture_from_mean_cosine(dr.minimum(length, 1.0)), 0.0)
     return dr.normalize(axis), aperture

@@ -83,10 +83,7 @@ def _trace_block(
     point, cone = lane % points, lane // points
     sample_index = dr.gather(mi.UInt32, gbuffer.sample_index, point)
     axis_local = mi.Vector3f(
-        *(
-            dr.gather(mi.Float, mi.Float([d[i] for d in cones.directions]), cone)
-            for i in range(3)
-        )
+        *(dr.gather(mi.Float, mi.Float([d[i] for d in cones.directions]), cone) for i in range(3))
     )
     ratio = dr.gather(mi.Float, mi.Float([ratio_from_aperture(a) for a in cones.apertures]), cone)
 

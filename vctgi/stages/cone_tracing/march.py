@@ -55,8 +55,7 @@ class ConeMarchConfig:
             )
         if self.start_offset_voxels < 0.0:
             raise ValueError(
-                "ConeMarchConfig.start_offset_voxels must be >= 0, "
-                f"got {self.start_offset_voxels}."
+                f"ConeMarchConfig.start_offset_voxels must be >= 0, got {self.start_offset_voxels}."
             )
         if not 0.0 <= self.min_transmittance < 1.0:
             raise ValueError(

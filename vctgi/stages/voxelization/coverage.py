@@ -66,9 +66,7 @@ class _Projection:
     cell_count: mi.UInt32
 
 
-def coverage_masks(
-    triangles: list[DeviceTriangles], level: LevelLayout, axis: int
-) -> mi.UInt64:
+def coverage_masks(triangles: list[DeviceTriangles], level: LevelLayout, axis: int) -> mi.UInt64:
     """Return the covered cells of all voxel faces across one axis.
 
     Parameters

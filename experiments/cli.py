@@ -1,0 +1,288 @@
+"""The command line `vctgi`.
+
+Exit codes: 0 done, 1 a gate or comparison failed, 2 bad usage or bad input, 3 the machinery failed.
+An error is one line on standard error; `--debug` adds the traceback.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import traceback
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import App, CycloptsError, Parameter
+
+from experiments.errors import (
+    EXIT_BAD_INPUT,
+    EXIT_DONE,
+    EXIT_FAILED,
+    EXIT_MACHINERY,
+    InputError,
+    MachineryError,
+)
+
+if TYPE_CHECKING:
+    from experiments.run import RunOptions
+
+app = App(
+    name="vctgi",
+    help="How wrong is real-time global illumination by voxel cone tracing? Renders a Mitsuba "
+    "scene by cones and by path tracing, and measures the difference.",
+    help_flags=["--help", "-h"],
+)
+
+DEFAULT_CACHE = "the user's cache folder, or $VCTGI_CACHE"
+
+Preset = Annotated[str, Parameter(help="Named configuration: medium, high or ultra.")]
+Resolution = Annotated[int, Parameter(help="Longer edge of the picture, pixels.")]
+Spp = Annotated[int, Parameter(name="--spp", help="Paths a pixel of the reference.")]
+Variant = Annotated[
+    str | None, Parameter(help="llvm_ad_rgb or cuda_ad_rgb; chosen by the machine if left out.")
+]
+Sensor = Annotated[int, Parameter(help="Which camera of the scene.")]
+Cache = Annotated[
+    Path | None, Parameter(help=f"Where references are kept; default: {DEFAULT_CACHE}.")
+]
+JsonFile = Annotated[
+    Path | None, Parameter(name="--json", help="Write machine-readable results to this file.")
+]
+
+
+@app.command
+def report(  # noqa: PLR0913 - the options of a command
+    *scenes: str,
+    output: Path = Path("vctgi-report"),
+    preset: Preset = "high",
+    resolution: Resolution = 256,
+    spp: Spp = 512,
+    seed: int = 0,
+    variant: Variant = None,
+    sensor: Sensor = 0,
+    cache: Cache = None,
+    json_file: JsonFile = None,
+) -> int:
+    """Render scenes both ways and write one page that says how wrong the cones are.
+
+    SCENES are Mitsuba XML files, Python files with a scene() function, glTF, OBJ or PLY meshes, or
+    names of built-in scenes; all built-in scenes if none is given.
+    """
+    from experiments.report import make_report  # noqa: PLC0415
+
+    page = make_report(
+        list(scenes),
+        output=output,
+        options=_options(preset, spp, seed, cache),
+        resolution=_at_least("--resolution", resolution, SMALLEST_PICTURE),
+        variant=variant,
+        sensor=sensor,
+        json_file=json_file,
+    )
+    print(page)  # noqa: T201 - the command's result
+    return EXIT_DONE
+
+
+@app.command
+def plan(
+    scene: str,
+    *,
+    preset: Preset = "high",
+    resolution: Resolution = 256,
+    variant: Variant = None,
+    sensor: Sensor = 0,
+    json_file: JsonFile = None,
+) -> int:
+    """Show what would be run for a scene and what is left out, with reasons."""
+    from experiments.inspect import plan_lines  # noqa: PLC0415
+
+    lines, entries = plan_lines(scene, preset, resolution, variant, sensor)
+    _finish(lines, entries, json_file)
+    return EXIT_DONE
+
+
+@app.command
+def render(  # noqa: PLR0913 - the options of a command
+    scene: str,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    preset: Preset = "high",
+    resolution: Resolution | None = None,
+    spp: Annotated[int, Parameter(help="Paths a pixel of the direct light.")] = 64,
+    seed: int = 0,
+    variant: Variant = None,
+    sensor: Sensor = 0,
+) -> int:
+    """Render one frame by cones to a multi-channel EXR file."""
+    from experiments.frame_files import render_frame_file  # noqa: PLC0415
+
+    render_frame_file(
+        scene, output, preset, resolution, _at_least("--spp", spp, 1), seed, variant, sensor
+    )
+    return EXIT_DONE
+
+
+@app.command
+def reference(  # noqa: PLR0913 - the options of a command
+    scene: str,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    resolution: Resolution | None = None,
+    spp: Spp = 512,
+    seed: int = 0,
+    variant: Variant = None,
+    sensor: Sensor = 0,
+    cache: Cache = None,
+) -> int:
+    """Render the path-traced truth to a multi-channel EXR file, with a variance per component."""
+    from experiments.frame_files import reference_file  # noqa: PLC0415
+
+    options = _options("high", spp, seed, cache)
+    reference_file(scene, output, resolution, options, variant, sensor)
+    return EXIT_DONE
+
+
+@app.command
+def gate(  # noqa: PLR0913 - the options of a command
+    gates: Path = Path("tests/gates/gates.toml"),
+    *,
+    output: Path = Path("build/gate"),
+    junit: Path | None = None,
+    markdown: Path | None = None,
+    update: Annotated[bool, Parameter(negative="")] = False,
+    reason: str | None = None,
+    mutants: Annotated[bool, Parameter(negative="")] = False,
+    variant: Variant = None,
+    cache: Cache = None,
+) -> int:
+    """Check scenes against reviewed baselines; exit 1 on a true regression.
+
+    `--update --reason TEXT` writes the baselines instead; `--mutants` also plants faults and
+    demands that the gates catch them.
+    """
+    from experiments.gate_command import gate_scenes  # noqa: PLC0415
+
+    if update != (reason is not None):
+        raise InputError(
+            what="--update and --reason go together",
+            where="the command line",
+            remedy="write: vctgi gate GATES --update --reason 'why the new numbers are right'",
+        )
+    return gate_scenes(
+        gates,
+        output=output,
+        junit=junit,
+        markdown=markdown,
+        update_reason=reason,
+        mutants=mutants,
+        variant=variant,
+        cache=_cache(cache),
+    )
+
+
+@app.command
+def doctor(*, json_file: JsonFile = None) -> int:
+    """Show back ends, LLVM, driver and versions, and how to fix what is missing."""
+    from experiments.doctor import diagnose, report_lines  # noqa: PLC0415
+
+    found = diagnose()
+    _finish(report_lines(found), found.to_json(), json_file)
+    return EXIT_DONE if found.is_healthy else EXIT_MACHINERY
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command and return its exit code."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    is_debug = "--debug" in given
+    given = [word for word in given if word != "--debug"]
+    try:
+        code = app(given, exit_on_error=False, print_error=False)
+    except CycloptsError as error:
+        return _fail(f"{_one_line(error)}; see 'vctgi --help'", EXIT_BAD_INPUT, is_debug)
+    except InputError as error:
+        return _fail(str(error), EXIT_BAD_INPUT, is_debug)
+    except MachineryError as error:
+        return _fail(str(error), EXIT_MACHINERY, is_debug)
+    except KeyboardInterrupt:
+        return _fail("interrupted", EXIT_MACHINERY, is_debug=False)
+    except Exception as error:  # the last net: still one line
+        return _fail(_unforeseen(error), _unforeseen_code(error), is_debug)
+    return code if isinstance(code, int) else EXIT_DONE
+
+
+def _unforeseen(error: Exception) -> str:
+    """One line for an error that no command foresaw, or that the renderer raised for the scene."""
+    if _unforeseen_code(error) == EXIT_BAD_INPUT:
+        return _one_line(error)
+    return f"{type(error).__name__}: {_one_line(error)}; run again with --debug for the traceback"
+
+
+def _unforeseen_code(error: Exception) -> int:
+    """A scene that the renderer refuses is bad input; anything else is our failure."""
+    refused = sys.modules.get("vctgi.errors")
+    is_refused = refused is not None and isinstance(error, refused.SceneError)
+    return EXIT_BAD_INPUT if is_refused else EXIT_MACHINERY
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def _fail(line: str, code: int, is_debug: bool) -> int:
+    """Print the one line, after the traceback if it is asked for."""
+    if is_debug:
+        traceback.print_exc()
+    sys.stderr.write(f"vctgi: {line}\n")
+    return code
+
+
+def _options(preset: str, spp: int, seed: int, cache: Path | None) -> RunOptions:
+    """Return the options of a run, refusing what it could not use."""
+    from experiments.session import find_preset  # noqa: PLC0415
+
+    find_preset(preset)
+    from experiments.run import BATCH_COUNT, RunOptions  # noqa: PLC0415
+
+    if _at_least("--spp", spp, BATCH_COUNT) % BATCH_COUNT:
+        raise InputError(
+            what=f"--spp is {spp}",
+            where="the command line",
+            remedy=f"give a multiple of {BATCH_COUNT}, one share for each independent batch",
+        )
+    return RunOptions(
+        preset=preset,
+        reference_spp=spp,
+        seed=_at_least("--seed", seed, 0),
+        cache_directory=_cache(cache),
+    )
+
+
+def _cache(folder: Path | None) -> Path:
+    """Return the folder of references, proved to be writable."""
+    from reference import default_cache_directory  # noqa: PLC0415
+
+    from experiments.session import writable_folder  # noqa: PLC0415
+
+    return writable_folder(folder or default_cache_directory(), "--cache")
+
+
+def _at_least(name: str, value: int, least: int) -> int:
+    """Return `value`, or refuse it by the name of its option."""
+    if value < least:
+        raise InputError(
+            what=f"{name} is {value}", where="the command line", remedy=f"give at least {least}"
+        )
+    return value
+
+
+def _finish(lines: list[str], result: Any, json_file: Path | None) -> None:  # noqa: ANN401
+    """Print the lines of a command, and write its result where that is asked for."""
+    if json_file is not None:
+        from experiments.session import writable_file  # noqa: PLC0415
+
+        writable_file(json_file).write_text(json.dumps(result, indent=1), encoding="utf-8")
+    print("\n".join(lines))  # noqa: T201 - the command's result
+
+
+SMALLEST_PICTURE = 16
+"""Shortest edge that every metric can measure, pixels."""

@@ -1,0 +1,124 @@
+"""`vctgi render` and `vctgi reference`: one picture as a multi-channel EXR file.
+
+Channels: R G B, and `NAME.R` and so on for each component in W m^-2 sr^-1; a frame also has albedo,
+`normal.X`, `depth.Z`; a reference has `variance_NAME.R`, the variance of each component's mean.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+
+import reference
+import vctgi
+from experiments.progress import ProgressReport
+from experiments.run import (
+    RunOptions,
+    component_images,
+    reference_request,
+    surface_images,
+)
+from experiments.scenes import LoadedScene, load_scene
+from experiments.session import find_preset, start_mitsuba, writable_file
+
+AXES = {"normal": "XYZ", "depth": "Z"}
+"""Channel suffixes of what is not a colour."""
+
+
+def render_frame_file(  # noqa: PLR0913 - the options of one command
+    source: str,
+    output: Path,
+    preset: str,
+    resolution: int | None,
+    spp: int,
+    seed: int,
+    variant: str | None,
+    sensor: int,
+) -> None:
+    """Render a frame by cones, with Mitsuba's direct light, to an EXR file."""
+    find_preset(preset)
+    writable_file(output)
+    start_mitsuba(variant)
+    loaded = load_scene(source, resolution=resolution, sensor_index=sensor)
+    config = vctgi.preset(preset)
+    camera = loaded.scene.sensors()[loaded.sensor_index]
+    with ProgressReport() as progress:
+        progress.start_scene(loaded.title, 1, 1)
+        progress("cone tracing", 0.0)
+        prepared = vctgi.prepare_scene(loaded.scene, camera, config)
+        volume = vctgi.light_volume(prepared, config).volume
+        frame = vctgi.render_frame(prepared, volume, config, seed=seed)
+        progress("direct light", 0.0)
+        components = component_images(frame)
+        direct = _direct_light(loaded, spp, seed)
+    image = direct + components.pop("indirect")
+    channels = {"": image, "direct": direct, **components, **surface_images(frame)}
+    write_channels(output, channels, {"config": asdict(config), "scene": loaded.name})
+
+
+def reference_file(
+    source: str,
+    output: Path,
+    resolution: int | None,
+    options: RunOptions,
+    variant: str | None,
+    sensor: int,
+) -> None:
+    """Render the components of the reference to an EXR file."""
+    writable_file(output)
+    start_mitsuba(variant)
+    loaded = load_scene(source, resolution=resolution, sensor_index=sensor)
+    with ProgressReport() as progress:
+        progress.start_scene(loaded.title, 1, 1)
+        truth = reference.render_reference(
+            loaded.scene,
+            sensor=loaded.sensor_index,
+            request=reference_request(options),
+            cache_directory=options.cache_directory,
+            progress=lambda share: progress("path tracing", share),
+        )
+    channels = {"": truth.mean("image")}
+    for name in truth.components:
+        channels[name] = truth.mean(name)
+        channels[f"variance_{name}"] = truth.variance_of_mean(name)
+    write_channels(output, channels, {"request": asdict(truth.request), "key": truth.key})
+
+
+def _direct_light(loaded: LoadedScene, spp: int, seed: int) -> np.ndarray:
+    """Emission and direct light by Mitsuba, [height, width, 3]."""
+    import mitsuba as mi  # noqa: PLC0415 - a variant is set only now
+
+    integrator = mi.load_dict({"type": "direct"})
+    image = mi.render(
+        loaded.scene, sensor=loaded.sensor_index, integrator=integrator, spp=spp, seed=seed
+    )
+    return np.array(image)[..., :3]
+
+
+def write_channels(
+    output: Path, images: dict[str, np.ndarray], attributes: dict[str, object]
+) -> None:
+    """Write arrays [height, width, 3] or [height, width] as float32 channels of one EXR file.
+
+    The file appears only when it is whole.
+    """
+    channels = {}
+    for name, image in images.items():
+        prefix = f"{name}." if name else ""
+        values = np.asarray(image, np.float32)
+        suffixes = AXES.get(name, "RGB")
+        planes = [values] if values.ndim == 2 else [values[..., i] for i in range(3)]
+        for suffix, plane in zip(suffixes, planes, strict=True):
+            channels[prefix + suffix] = np.ascontiguousarray(plane)
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        **{f"vctgi:{key}": json.dumps(value) for key, value in attributes.items()},
+    }
+    partial = output.with_name(f".{output.name}.partial")
+    OpenEXR.File(header, channels).write(str(partial))
+    partial.replace(output)

@@ -1,0 +1,244 @@
+"""From a finished run to its record: pictures, facts, warnings, one JSON file."""
+
+from __future__ import annotations
+
+import dataclasses
+import secrets
+from collections import Counter
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+import metrics
+import reference
+from experiments.machine import describe_machine
+from experiments.scenes import LoadedScene
+from reports.record import (
+    Display,
+    ImageFile,
+    Interval,
+    MetricValue,
+    PlanEntry,
+    Record,
+    ReferenceInfo,
+    SceneInfo,
+    StageTime,
+    write_image,
+    write_record,
+)
+from vctgi.config import RenderConfig
+from vctgi.pipeline import LitVolume, PreparedScene
+from vctgi.scene.lights import KNOWN_KINDS
+
+NOTABLE_LOSS = 0.02
+"""Share of injected flux whose loss is worth a warning."""
+
+METHOD = "voxel cone tracing"
+
+
+class Options(Protocol):
+    """What a record tells of how the run was asked for."""
+
+    preset: str
+    seed: int
+    command: str
+
+
+@dataclass
+class RunResult:
+    """All that a run found out.
+
+    Attributes
+    ----------
+    loaded, config
+        Scene and configuration.
+    prepared, lit
+        What the renderer made of them.
+    truth
+        The reference.
+    tests, references
+        Component pictures [height, width, 3] of both methods.
+    surfaces
+        Albedo, normal, depth.
+    measured, times, display
+        Numbers about them.
+    """
+
+    loaded: LoadedScene
+    config: RenderConfig
+    prepared: PreparedScene
+    lit: LitVolume
+    truth: reference.Reference
+    tests: dict[str, np.ndarray]
+    references: dict[str, np.ndarray]
+    surfaces: dict[str, np.ndarray]
+    measured: list[metrics.Measurement]
+    times: list[StageTime]
+    display: metrics.DisplaySettings
+
+
+def keep_record(
+    result: RunResult, options: Options, output: Path, variant: str
+) -> tuple[Record, Path]:
+    """Write the pictures and the record of a run below `output`/records."""
+    created = datetime.now(UTC)
+    name = f"{result.loaded.name}-{options.preset}-{variant.split('_')[0]}"
+    record_id = f"{name}-{created:%Y%m%dT%H%M%S}-{secrets.token_hex(2)}"
+    records = output / "records"
+    height, width = result.tests["image"].shape[:2]
+    record = Record(
+        record_id=record_id,
+        created=created.isoformat(),
+        command=options.command,
+        scene=_scene_info(result),
+        method=METHOD,
+        preset=options.preset,
+        config=dataclasses.asdict(result.config),
+        plan=[
+            PlanEntry(item=e.item, kept=e.kept, reason=e.reason, saved=e.saved)
+            for e in result.prepared.plan.entries
+        ],
+        seed=options.seed,
+        width=width,
+        height=height,
+        reference=_reference_info(result),
+        metrics=[_metric_value(m) for m in result.measured],
+        times=result.times,
+        images=_write_images(result, records / record_id),
+        machine=describe_machine(variant),
+        display=Display(**dataclasses.asdict(result.display)),
+        warnings=_warnings(result),
+    )
+    return record, write_record(record, records)
+
+
+def _scene_info(result: RunResult) -> SceneInfo:
+    loaded, prepared = result.loaded, result.prepared
+    low, high = prepared.triangles.bounds
+    kinds = Counter(material.kind for material in prepared.materials)
+    sentences = {f"{m.kind}: {m.contribution}" for m in prepared.materials}
+    return SceneInfo(
+        name=loaded.name,
+        title=loaded.title,
+        source=loaded.source,
+        purpose=loaded.purpose,
+        digest=reference.scene_digest(loaded.scene),
+        triangle_count=prepared.triangles.triangle_count,
+        emitters=dict(Counter(light.kind for light in prepared.plan.lights)),
+        bsdfs=dict(kinds),
+        bounds_min=_point(low),
+        bounds_max=_point(high),
+        contributions=sorted(sentences),
+        unsupported=_unsupported(prepared),
+        credit=loaded.credit,
+    )
+
+
+def _point(values: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in values)
+    return x, y, z
+
+
+def _unsupported(prepared: PreparedScene) -> list[str]:
+    """Name everything in the scene that the renderer does not do, or does untested."""
+    found = list(prepared.triangles.unsupported)
+    found += sorted(
+        {f"material {m.kind}: {m.contribution}" for m in prepared.materials if not m.is_known}
+    )
+    found += sorted(
+        {
+            f"emitter {light.kind}: sampled as Mitsuba does, never compared with the path tracer"
+            for light in prepared.plan.lights
+            if light.kind not in KNOWN_KINDS
+        }
+    )
+    if any(shape.is_medium_transition() for shape in prepared.scene.shapes()):
+        found.append("participating media: ignored on both sides")
+    return found
+
+
+def _reference_info(result: RunResult) -> ReferenceInfo:
+    truth = result.truth
+    reflected = float(truth.mean("direct").mean() + truth.mean("indirect").mean())
+    rest = float(truth.mean("rest").mean())
+    noise = metrics.reference_noise_relmse(result.truth.batches("indirect"))
+    return ReferenceInfo(
+        key=truth.key,
+        samples_per_pixel=truth.request.samples_per_pixel,
+        batch_count=truth.request.batch_count,
+        scattering_count=truth.request.scattering_count,
+        seed=truth.request.seed,
+        seconds=truth.seconds,
+        from_cache=truth.from_cache,
+        noise_relmse=max(noise.value, 0.0),
+        truncated_share=rest / (reflected + rest) if reflected + rest > 0.0 else 0.0,
+    )
+
+
+def _metric_value(measurement: metrics.Measurement) -> MetricValue:
+    low, high = measurement.low, measurement.high
+    return MetricValue(
+        name=measurement.name,
+        component=measurement.component,
+        value=measurement.value,
+        interval=None if low is None or high is None else Interval(low=low, high=high),
+        formula=measurement.formula,
+        unit=measurement.unit,
+        ideal=measurement.ideal,
+        note=measurement.note,
+    )
+
+
+def _write_images(result: RunResult, folder: Path) -> dict[str, ImageFile]:
+    """Write all pictures of a run."""
+    tests, truths = result.tests, result.references
+    pictures = {
+        "image": (tests["image"], "emission + direct + indirect light by cones"),
+        "reference": (truths["image"], "emission + direct + indirect light by path tracing"),
+        "error": (tests["image"] - truths["image"], "image - reference"),
+        "flip": (
+            metrics.flip(tests["image"], truths["image"], result.display.flip).error_map,
+            "HDR-FLIP of image against reference",
+        ),
+        "direct": (result.truth.mean("direct"), "direct light, Mitsuba's on both sides"),
+        "emission": (result.truth.mean("emission"), "emission, Mitsuba's on both sides"),
+    }
+    for name in ("indirect", "indirect_diffuse", "indirect_specular"):
+        pictures[name] = (tests[name], f"{name} by cones")
+        pictures[f"reference_{name}"] = (truths[name], f"{name} by path tracing")
+    for name, values in result.surfaces.items():
+        pictures[name] = (values, f"{name} of the first surface")
+    return {
+        name: write_image(folder / f"{name}.exr", np.asarray(values, np.float32), description)
+        for name, (values, description) in pictures.items()
+    }
+
+
+def _warnings(result: RunResult) -> list[str]:
+    """Collect what a reader must know before believing the numbers."""
+    prepared = result.prepared
+    found = [*result.loaded.warnings, *result.truth.notes]
+    degenerate = sum(prepared.triangles.degenerate_counts.values())
+    if degenerate:
+        found.append(f"{degenerate} triangles without area left out of the voxels")
+    flipped = prepared.surfaces.flipped_count
+    if flipped:
+        found.append(
+            f"{flipped} of {prepared.triangles.triangle_count} two-sided triangles are wound away "
+            "from where they are seen and were turned over in the voxels"
+        )
+    for level, share in enumerate(result.lit.lost_flux_share):
+        if share > NOTABLE_LOSS:
+            found.append(
+                f"level {level}: {100.0 * share:.1f} % of the reflected light fell where the "
+                "voxels have no opacity, and is lost"
+            )
+    found += [
+        f"left out: {entry.item}: {entry.reason}"
+        for entry in prepared.plan.entries
+        if entry.item.startswith("geometry") and not entry.kept
+    ]
+    return list(dict.fromkeys(found))

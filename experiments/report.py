@@ -1,0 +1,125 @@
+"""`vctgi report`: scenes to records, records to one page."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+from experiments.progress import ProgressReport
+from experiments.run import RunOptions, run_scene
+from experiments.scenes import BUILT_IN, LoadedScene, load_scene
+from experiments.session import start_mitsuba, writable_file, writable_folder
+from reports.accuracy import write_accuracy_report
+from reports.markdown import write_markdown_summary
+from reports.record import Record
+
+PAGE, SUMMARY = "index.html", "summary.md"
+"""Files that a report leaves in its folder, beside `records/`."""
+
+
+def make_report(  # noqa: PLR0913 - the options of one command, all named at the call
+    sources: list[str],
+    *,
+    output: Path,
+    options: RunOptions,
+    resolution: int,
+    variant: str | None,
+    sensor: int,
+    json_file: Path | None,
+) -> Path:
+    """Render scenes both ways and write the page about them.
+
+    Parameters
+    ----------
+    sources
+        Scenes as the command line takes them; empty for all built-in ones.
+    output
+        Folder for the page and the records.
+    options
+        Preset, samples, seed.
+    resolution
+        Longer edge of the pictures, pixels.
+    variant
+        Back end, or None to choose.
+    sensor
+        Which camera of each scene.
+    json_file
+        Gets the records' numbers as one JSON list.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    InputError
+        Bad input; nothing of the scene in question was rendered.
+    """
+    writable_folder(output)
+    if json_file is not None:
+        writable_file(json_file)
+    chosen = start_mitsuba(variant)
+    names = sources or list(BUILT_IN)
+    results: list[tuple[Record, Path]] = []
+    with ProgressReport() as progress:
+        # All scenes are loaded and checked before the first is rendered: a typing error in the
+        # last name must not cost the minutes of the others.
+        for name in names:
+            _load(name, resolution, sensor)
+        for number, name in enumerate(names, start=1):
+            loaded = _load(name, resolution, sensor)
+            progress.start_scene(loaded.title, number, len(names))
+            command = shlex.join(
+                [
+                    "vctgi",
+                    "report",
+                    name,
+                    "--preset",
+                    options.preset,
+                    "--resolution",
+                    str(resolution),
+                    "--spp",
+                    str(options.reference_spp),
+                    "--variant",
+                    chosen,
+                ]
+            )
+            record, path = run_scene(
+                loaded, replace(options, command=command), output, chosen, progress
+            )
+            results.append((record, path))
+            progress.say(headline(record))
+    paths = [path for _, path in results]
+    page = write_accuracy_report(paths, output / PAGE)
+    write_markdown_summary(paths, output / SUMMARY)
+    if json_file is not None:
+        rows = [record.model_dump(mode="json") for record, _ in results]
+        json_file.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+    return page
+
+
+def _load(name: str, resolution: int, sensor: int) -> LoadedScene:
+    return load_scene(name, resolution=resolution, sensor_index=sensor)
+
+
+def headline(record: Record) -> str:
+    """One line about a finished record."""
+    values = {(m.component, m.name): m for m in record.metrics}
+
+    def text(component: str, name: str) -> str:
+        found = values.get((component, name))
+        if found is None:
+            return "-"
+        if found.interval is None:
+            return f"{found.value:.3g}"
+        return f"{found.value:.3g} [{found.interval.low:.3g}, {found.interval.high:.3g}]"
+
+    frame = next(t for t in record.times if t.stage == "frame")
+    return (
+        f"{record.scene.title}: indirect energy {text('indirect', 'energy_ratio')}, "
+        f"relMSE {text('indirect', 'relmse_e2')}, picture FLIP {text('image', 'flip')}, "
+        f"{frame.median_ms / 1e3:.2f} s a frame"
+    )

@@ -1,0 +1,176 @@
+"""One run: a scene rendered by cones and by path tracing, compared, and kept as a record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import metrics
+import reference
+import vctgi
+from experiments.record import RunResult, keep_record
+from experiments.scenes import LoadedScene
+from experiments.timing import StageTimer
+from reports.record import Record
+from vctgi.config import SCATTERING_COUNT, RenderConfig
+from vctgi.pipeline import Frame, LitVolume, PreparedScene
+
+BATCH_COUNT = 8
+"""Independent batches of a reference: their spread gives the intervals."""
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the share of it that is done, in [0, 1]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """What a run is asked for, apart from the scene."""
+
+    preset: str = "high"
+    """Named configuration of the cones."""
+    reference_spp: int = 512
+    """Paths a pixel of the reference, over all its batches."""
+    batch_count: int = BATCH_COUNT
+    """Independent batches of the reference."""
+    seed: int = 0
+    """Start of all random numbers."""
+    warm_frames: int = 3
+    """Frames that are timed, after one that compiles."""
+    cache_directory: Path | None = None
+    """Where references are kept."""
+    command: str = ""
+    """What to type to make the record again."""
+
+
+@dataclass
+class ConeFrame:
+    """A picture by voxel cone tracing with what it took."""
+
+    prepared: PreparedScene
+    lit: LitVolume
+    frame: Frame
+    timer: StageTimer
+
+
+def run_scene(
+    loaded: LoadedScene,
+    options: RunOptions,
+    output: Path,
+    variant: str,
+    progress: Progress,
+    display: metrics.DisplaySettings | None = None,
+) -> tuple[Record, Path]:
+    """Render a scene both ways, compare, and write the record with its pictures.
+
+    Parameters
+    ----------
+    loaded
+        A scene that passed the checks.
+    options
+        Preset, samples, seed.
+    output
+        Folder that gets `records/`.
+    variant
+        The Mitsuba variant that is set.
+    progress
+        Told what is being done.
+    display
+        How the scene is shown; None chooses it from the reference.
+
+    Returns
+    -------
+    tuple
+        The record and its file.
+    """
+    config = vctgi.preset(options.preset)
+    cones = render_cones(loaded, config, options, progress)
+    truth = reference.render_reference(
+        loaded.scene,
+        sensor=loaded.sensor_index,
+        request=reference_request(options),
+        cache_directory=options.cache_directory,
+        progress=lambda share: progress("path tracing", share),
+    )
+    progress("comparing", 0.0)
+    # Direct light and emission are Mitsuba's on both sides: the same numbers, so that every
+    # difference between the two pictures is one of indirect light.
+    shared = truth.mean("emission") + truth.mean("direct")
+    tests = component_images(cones.frame)
+    tests["image"] = tests["indirect"] + shared
+    batches = {name: truth.batches(name) for name in tests if name != "image"}
+    batches["image"] = batches["indirect"] + shared
+    display = display or metrics.display_settings(batches["image"].mean(axis=0))
+    measured = [
+        value
+        for name in COMPARED
+        for value in metrics.measure(tests[name], batches[name], component=name, display=display)
+    ]
+    result = RunResult(
+        loaded=loaded,
+        config=config,
+        prepared=cones.prepared,
+        lit=cones.lit,
+        truth=truth,
+        tests=tests,
+        references={name: values.mean(axis=0) for name, values in batches.items()},
+        surfaces=surface_images(cones.frame),
+        measured=measured,
+        times=cones.timer.stage_times(),
+        display=display,
+    )
+    written = keep_record(result, options, output, variant)
+    progress("comparing", 1.0)
+    return written
+
+
+COMPARED = ("image", "indirect", "indirect_diffuse", "indirect_specular")
+"""Components that metrics are given for."""
+
+
+def reference_request(options: RunOptions) -> reference.ReferenceRequest:
+    """Return what is asked of the path tracer: the transport that the cones render."""
+    return reference.ReferenceRequest(
+        samples_per_pixel=options.reference_spp,
+        batch_count=options.batch_count,
+        scattering_count=SCATTERING_COUNT,
+        seed=options.seed,
+    )
+
+
+def render_cones(
+    loaded: LoadedScene, config: RenderConfig, options: RunOptions, progress: Progress
+) -> ConeFrame:
+    """Render one compiling and several warm frames from scratch; keep the last."""
+    timer = StageTimer()
+    sensor = loaded.scene.sensors()[loaded.sensor_index]
+    frame_count = 1 + options.warm_frames
+    for number in range(frame_count):
+        progress("cone tracing", number / frame_count)
+        timer.start_frame()
+        prepared = vctgi.prepare_scene(loaded.scene, sensor, config, timer)
+        lit = vctgi.light_volume(prepared, config, timer)
+        frame = vctgi.render_frame(prepared, lit.volume, config, timer, options.seed)
+    progress("cone tracing", 1.0)
+    return ConeFrame(prepared, lit, frame, timer)
+
+
+def component_images(frame: Frame) -> dict[str, np.ndarray]:
+    """Indirect light of a frame as arrays [height, width, 3], by component."""
+    diffuse, specular = np.array(frame.indirect_diffuse), np.array(frame.indirect_specular)
+    return {
+        "indirect": diffuse + specular,
+        "indirect_diffuse": diffuse,
+        "indirect_specular": specular,
+    }
+
+
+def surface_images(frame: Frame) -> dict[str, np.ndarray]:
+    """Albedo and normal [height, width, 3] and depth [height, width] of a frame."""
+    return {
+        "albedo": np.array(frame.albedo),
+        "normal": np.array(frame.normal),
+        "depth": np.array(frame.depth)[..., 0],
+    }

@@ -1,0 +1,78 @@
+"""What every command that renders does first: choose a back end, then let Mitsuba in.
+
+Nothing here imports Mitsuba at module level: the check for a usable LLVM has to come first, because
+Dr.Jit ends the process on some of the others.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+from experiments.doctor import choose_variant
+from experiments.errors import InputError
+
+
+def start_mitsuba(requested: str | None) -> str:
+    """Choose a variant, set it and register the integrator; return the variant.
+
+    Raises
+    ------
+    InputError, MachineryError
+        An unsupported variant; no usable back end.
+    """
+    variant = choose_variant(requested)
+    import mitsuba as mi  # noqa: PLC0415 - only after the check
+
+    mi.set_variant(variant)
+    mi.set_log_level(mi.LogLevel.Warn)
+    import vctgi  # noqa: F401, PLC0415 - registers the integrator
+
+    return variant
+
+
+def find_preset(name: str) -> None:
+    """Refuse a preset that does not exist, before anything is loaded or rendered.
+
+    Raises
+    ------
+    InputError
+        No preset of that name.
+    """
+    from vctgi.config import PRESETS  # noqa: PLC0415 - needs no variant, but loads Mitsuba
+
+    if name not in PRESETS:
+        raise InputError(
+            what=f"no preset '{name}'", where="--preset", remedy=f"use {', '.join(PRESETS)}"
+        )
+
+
+def writable_folder(path: Path, option: str = "--output") -> Path:
+    """Make a folder and prove that it can be written.
+
+    Raises
+    ------
+    InputError
+        It cannot.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path, prefix=".write-test-")
+        os.close(handle)
+        Path(name).unlink()
+    except OSError as error:
+        raise InputError(
+            what=f"cannot write there ({error.strerror})",
+            where=str(path),
+            remedy=f"give {option} a folder that you may write to",
+        ) from error
+    return path
+
+
+def writable_file(path: Path) -> Path:
+    """Prove that a file can be written, without making it."""
+    if path.is_dir():
+        raise InputError(what="is a folder", where=str(path), remedy="give the name of a file")
+    writable_folder(path.parent)
+    return path
