@@ -42,9 +42,17 @@ METHOD = "voxel cone tracing"
 class Options(Protocol):
     """What a record tells of how the run was asked for."""
 
-    preset: str
-    seed: int
-    command: str
+    @property
+    def preset(self) -> str:
+        """Name of the configuration."""
+
+    @property
+    def seed(self) -> int:
+        """Start of all random numbers."""
+
+    @property
+    def command(self) -> str:
+        """What to type to make the record again."""
 
 
 @dataclass
@@ -175,6 +183,7 @@ def _reference_info(result: RunResult) -> ReferenceInfo:
         from_cache=truth.from_cache,
         noise_relmse=max(noise.value, 0.0),
         truncated_share=rest / (reflected + rest) if reflected + rest > 0.0 else 0.0,
+        notes=truth.notes,
     )
 
 
@@ -220,7 +229,7 @@ def _write_images(result: RunResult, folder: Path) -> dict[str, ImageFile]:
 def _warnings(result: RunResult) -> list[str]:
     """Collect what a reader must know before believing the numbers."""
     prepared = result.prepared
-    found = [*result.loaded.warnings, *result.truth.notes]
+    found = list(result.loaded.warnings)
     degenerate = sum(prepared.triangles.degenerate_counts.values())
     if degenerate:
         found.append(f"{degenerate} triangles without area left out of the voxels")

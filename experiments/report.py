@@ -14,8 +14,9 @@ from experiments.session import start_mitsuba, writable_file, writable_folder
 from reports.accuracy import write_accuracy_report
 from reports.markdown import write_markdown_summary
 from reports.record import Record
+from reports.sheet import write_sheet
 
-PAGE, SUMMARY = "index.html", "summary.md"
+PAGE, SUMMARY, SHEET = "index.html", "summary.md", "sheet.png"
 """Files that a report leaves in its folder, beside `records/`."""
 
 
@@ -95,6 +96,7 @@ def make_report(  # noqa: PLR0913 - the options of one command, all named at the
     paths = [path for _, path in results]
     page = write_accuracy_report(paths, output / PAGE)
     write_markdown_summary(paths, output / SUMMARY)
+    write_sheet(paths, output / SHEET)
     if json_file is not None:
         rows = [record.model_dump(mode="json") for record, _ in results]
         json_file.write_text(json.dumps(rows, indent=1), encoding="utf-8")

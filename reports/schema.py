@@ -181,6 +181,8 @@ class ReferenceInfo(_Part):
     """Relative MSE of the reference mean itself."""
     truncated_share: float
     """Energy of more scatterings than `scattering_count`, over all reflected energy."""
+    notes: list[str] = []
+    """What a reader of the reference should know: components that are exactly zero, conventions."""
 
 
 class Machine(_Part):
