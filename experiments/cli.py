@@ -17,7 +17,6 @@ from cyclopts import App, CycloptsError, Parameter
 from experiments.errors import (
     EXIT_BAD_INPUT,
     EXIT_DONE,
-    EXIT_FAILED,
     EXIT_MACHINERY,
     InputError,
     MachineryError,
@@ -31,6 +30,7 @@ app = App(
     help="How wrong is real-time global illumination by voxel cone tracing? Renders a Mitsuba "
     "scene by cones and by path tracing, and measures the difference.",
     help_flags=["--help", "-h"],
+    result_action="return_value",
 )
 
 DEFAULT_CACHE = "the user's cache folder, or $VCTGI_CACHE"
@@ -68,7 +68,7 @@ def report(  # noqa: PLR0913 - the options of a command
     SCENES are Mitsuba XML files, Python files with a scene() function, glTF, OBJ or PLY meshes, or
     names of built-in scenes; all built-in scenes if none is given.
     """
-    from experiments.report import make_report  # noqa: PLC0415
+    from experiments.report import make_report
 
     page = make_report(
         list(scenes),
@@ -94,7 +94,7 @@ def plan(
     json_file: JsonFile = None,
 ) -> int:
     """Show what would be run for a scene and what is left out, with reasons."""
-    from experiments.inspect import plan_lines  # noqa: PLC0415
+    from experiments.inspect import plan_lines
 
     lines, entries = plan_lines(scene, preset, resolution, variant, sensor)
     _finish(lines, entries, json_file)
@@ -102,7 +102,7 @@ def plan(
 
 
 @app.command
-def render(  # noqa: PLR0913 - the options of a command
+def render(
     scene: str,
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
@@ -114,7 +114,7 @@ def render(  # noqa: PLR0913 - the options of a command
     sensor: Sensor = 0,
 ) -> int:
     """Render one frame by cones to a multi-channel EXR file."""
-    from experiments.frame_files import render_frame_file  # noqa: PLC0415
+    from experiments.frame_files import render_frame_file
 
     render_frame_file(
         scene, output, preset, resolution, _at_least("--spp", spp, 1), seed, variant, sensor
@@ -123,7 +123,7 @@ def render(  # noqa: PLR0913 - the options of a command
 
 
 @app.command
-def reference(  # noqa: PLR0913 - the options of a command
+def reference(
     scene: str,
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
@@ -135,7 +135,7 @@ def reference(  # noqa: PLR0913 - the options of a command
     cache: Cache = None,
 ) -> int:
     """Render the path-traced truth to a multi-channel EXR file, with a variance per component."""
-    from experiments.frame_files import reference_file  # noqa: PLC0415
+    from experiments.frame_files import reference_file
 
     options = _options("high", spp, seed, cache)
     reference_file(scene, output, resolution, options, variant, sensor)
@@ -160,7 +160,7 @@ def gate(  # noqa: PLR0913 - the options of a command
     `--update --reason TEXT` writes the baselines instead; `--mutants` also plants faults and
     demands that the gates catch them.
     """
-    from experiments.gate_command import gate_scenes  # noqa: PLC0415
+    from experiments.gate_command import gate_scenes
 
     if update != (reason is not None):
         raise InputError(
@@ -183,7 +183,7 @@ def gate(  # noqa: PLR0913 - the options of a command
 @app.command
 def doctor(*, json_file: JsonFile = None) -> int:
     """Show back ends, LLVM, driver and versions, and how to fix what is missing."""
-    from experiments.doctor import diagnose, report_lines  # noqa: PLC0415
+    from experiments.doctor import diagnose, report_lines
 
     found = diagnose()
     _finish(report_lines(found), found.to_json(), json_file)
@@ -218,7 +218,7 @@ def _unforeseen(error: Exception) -> str:
 
 
 def _unforeseen_code(error: Exception) -> int:
-    """A scene that the renderer refuses is bad input; anything else is our failure."""
+    """Return 2 for a scene that the renderer refuses, 3 for anything else."""
     refused = sys.modules.get("vctgi.errors")
     is_refused = refused is not None and isinstance(error, refused.SceneError)
     return EXIT_BAD_INPUT if is_refused else EXIT_MACHINERY
@@ -238,10 +238,10 @@ def _fail(line: str, code: int, is_debug: bool) -> int:
 
 def _options(preset: str, spp: int, seed: int, cache: Path | None) -> RunOptions:
     """Return the options of a run, refusing what it could not use."""
-    from experiments.session import find_preset  # noqa: PLC0415
+    from experiments.session import find_preset
 
     find_preset(preset)
-    from experiments.run import BATCH_COUNT, RunOptions  # noqa: PLC0415
+    from experiments.run import BATCH_COUNT, RunOptions
 
     if _at_least("--spp", spp, BATCH_COUNT) % BATCH_COUNT:
         raise InputError(
@@ -259,9 +259,8 @@ def _options(preset: str, spp: int, seed: int, cache: Path | None) -> RunOptions
 
 def _cache(folder: Path | None) -> Path:
     """Return the folder of references, proved to be writable."""
-    from reference import default_cache_directory  # noqa: PLC0415
-
-    from experiments.session import writable_folder  # noqa: PLC0415
+    from experiments.session import writable_folder
+    from reference import default_cache_directory
 
     return writable_folder(folder or default_cache_directory(), "--cache")
 
@@ -275,10 +274,10 @@ def _at_least(name: str, value: int, least: int) -> int:
     return value
 
 
-def _finish(lines: list[str], result: Any, json_file: Path | None) -> None:  # noqa: ANN401
+def _finish(lines: list[str], result: Any, json_file: Path | None) -> None:
     """Print the lines of a command, and write its result where that is asked for."""
     if json_file is not None:
-        from experiments.session import writable_file  # noqa: PLC0415
+        from experiments.session import writable_file
 
         writable_file(json_file).write_text(json.dumps(result, indent=1), encoding="utf-8")
     print("\n".join(lines))  # noqa: T201 - the command's result

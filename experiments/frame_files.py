@@ -29,7 +29,7 @@ AXES = {"normal": "XYZ", "depth": "Z"}
 """Channel suffixes of what is not a colour."""
 
 
-def render_frame_file(  # noqa: PLR0913 - the options of one command
+def render_frame_file(
     source: str,
     output: Path,
     preset: str,
@@ -90,7 +90,7 @@ def reference_file(
 
 def _direct_light(loaded: LoadedScene, spp: int, seed: int) -> np.ndarray:
     """Emission and direct light by Mitsuba, [height, width, 3]."""
-    import mitsuba as mi  # noqa: PLC0415 - a variant is set only now
+    import mitsuba as mi
 
     integrator = mi.load_dict({"type": "direct"})
     image = mi.render(

@@ -13,7 +13,7 @@ from experiments.session import find_preset, start_mitsuba, writable_folder
 from reports.record import Record
 
 
-def gate_scenes(  # noqa: PLR0913 - the options of one command, all named at the call
+def gate_scenes(
     gates_file: Path,
     *,
     output: Path,

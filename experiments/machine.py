@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import subprocess
 from pathlib import Path
+from typing import Literal
 
 from experiments.doctor import CUDA_VARIANT, diagnose
 from reports.record import Machine
 
+BackendName = Literal["llvm_ad_rgb", "cuda_ad_rgb"]
+"""Variants that a record can be made on."""
+
 SOURCE_FOLDER = Path(__file__).resolve().parent.parent
 
 
-def describe_machine(variant: str) -> Machine:
+def describe_machine(variant: BackendName) -> Machine:
     """Return processor, device, versions and commit, for the back end in use."""
     found = diagnose()
     name = "cuda" if variant == CUDA_VARIANT else "llvm"

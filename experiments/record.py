@@ -8,13 +8,13 @@ from collections import Counter
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 
 import metrics
 import reference
-from experiments.machine import describe_machine
+from experiments.machine import BackendName, describe_machine
 from experiments.scenes import LoadedScene
 from reports.record import (
     Display,
@@ -116,7 +116,7 @@ def keep_record(
         metrics=[_metric_value(m) for m in result.measured],
         times=result.times,
         images=_write_images(result, records / record_id),
-        machine=describe_machine(variant),
+        machine=describe_machine(cast(BackendName, variant)),
         display=Display(**dataclasses.asdict(result.display)),
         warnings=_warnings(result),
     )

@@ -20,7 +20,7 @@ PAGE, SUMMARY, SHEET = "index.html", "summary.md", "sheet.png"
 """Files that a report leaves in its folder, beside `records/`."""
 
 
-def make_report(  # noqa: PLR0913 - the options of one command, all named at the call
+def make_report(
     sources: list[str],
     *,
     output: Path,

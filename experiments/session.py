@@ -23,11 +23,11 @@ def start_mitsuba(requested: str | None) -> str:
         An unsupported variant; no usable back end.
     """
     variant = choose_variant(requested)
-    import mitsuba as mi  # noqa: PLC0415 - only after the check
+    import mitsuba as mi
 
     mi.set_variant(variant)
     mi.set_log_level(mi.LogLevel.Warn)
-    import vctgi  # noqa: F401, PLC0415 - registers the integrator
+    import vctgi  # noqa: F401 - registers the integrator
 
     return variant
 
@@ -40,7 +40,7 @@ def find_preset(name: str) -> None:
     InputError
         No preset of that name.
     """
-    from vctgi.config import PRESETS  # noqa: PLC0415 - needs no variant, but loads Mitsuba
+    from vctgi.config import PRESETS
 
     if name not in PRESETS:
         raise InputError(

@@ -8,7 +8,7 @@ import secrets
 from pathlib import Path
 
 import numpy as np
-import OpenEXR  # type: ignore[import-not-found]
+import OpenEXR
 from numpy.typing import NDArray
 
 from reports.schema import ImageFile, Record

@@ -41,7 +41,7 @@ class GateRun:
         return exit_code(self.verdicts)
 
 
-def run_gate(  # noqa: PLR0913 - the options of one command, all named at the call
+def run_gate(
     gates_file: Path,
     render: Render,
     *,
@@ -139,7 +139,7 @@ def check_gates(
     return GateRun(tuple(verdicts), command)
 
 
-def _compare(  # noqa: PLR0913 - the pieces of one comparison
+def _compare(
     gate: GateSpec,
     record: Record,
     record_path: Path,

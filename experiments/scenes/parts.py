@@ -146,7 +146,7 @@ def room(
     }
 
 
-def perspective(  # noqa: PLR0913 - a camera has this many independent properties
+def perspective(
     origin: Vector,
     target: Vector,
     fov_deg: float,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR  # type: ignore[import-not-found]
+import OpenEXR
 import pytest
 from pydantic import ValidationError
 

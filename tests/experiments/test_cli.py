@@ -1,0 +1,197 @@
+"""The command line: exit codes, one line for bad input, and the main job on a small scene."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from experiments.cli import main
+from experiments.errors import EXIT_BAD_INPUT, EXIT_DONE
+from reports.record import load_image, read_record, read_records
+
+SMALL_REPORT = ["--resolution", "32", "--spp", "64", "--preset", "medium"]
+
+SCENE = """<scene version="3.0.0">
+  <sensor type="perspective"><film type="hdrfilm"><integer name="width" value="32"/>
+    <integer name="height" value="32"/></film>
+    <transform name="to_world"><lookat origin="0,1,4" target="0,1,0" up="0,1,0"/></transform>
+  </sensor>
+  {light}
+  <shape type="rectangle"><transform name="to_world"><scale value="3"/>
+    <rotate x="1" angle="-90"/></transform>{bsdf}</shape>
+  <shape type="cube"><transform name="to_world"><scale value="0.5"/>
+    <translate y="0.5"/></transform></shape>
+</scene>"""
+LIGHT = '<emitter type="point"><point name="position" x="0" y="3" z="1"/></emitter>'
+
+
+def write_scene(folder: Path, *, light: str = LIGHT, bsdf: str = "") -> Path:
+    path = folder / "scene.xml"
+    path.write_text(SCENE.format(light=light, bsdf=bsdf), encoding="utf-8")
+    return path
+
+
+def refused_line(capsys: pytest.CaptureFixture[str]) -> str:
+    """Return the one line that a refused command prints."""
+    captured = capsys.readouterr()
+    lines = [line for line in captured.err.splitlines() if line.startswith("vctgi: ")]
+    assert len(lines) == 1, captured.err
+    assert "Traceback" not in captured.err
+    return lines[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["report", "nowhere.xml"], "nowhere.xml"),
+        (["report", "no_such_scene"], "cornell_box"),
+        (["report", "cornell_box", "--preset", "best"], "use medium, high, ultra"),
+        (["report", "cornell_box", "--spp", "12"], "multiple of 8"),
+        (["report", "cornell_box", "--spp", "0"], "at least 8"),
+        (["report", "cornell_box", "--resolution", "4"], "at least 16"),
+        (["report", "cornell_box", "--resolution", "many"], "--resolution"),
+        (["report", "cornell_box", "--variant", "scalar_rgb"], "llvm_ad_rgb"),
+        (["report", "cornell_box", "--sensor", "3"], "camera 3"),
+        (["report", "--no-such-option"], "--no-such-option"),
+        (["reprot"], "reprot"),
+        (["plan"], "scene"),
+        (["gate", "nowhere.toml"], "nowhere.toml"),
+        (["gate", "--update"], "--reason"),
+        (["render", "cornell_box"], "--output"),
+    ],
+)
+def test_bad_usage_is_one_line_and_exit_code_2(
+    arguments: list[str],
+    words: str,
+    variant: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == EXIT_BAD_INPUT
+    assert words.lower() in refused_line(capsys).lower()
+    assert not list(tmp_path.rglob("*.html")), "a refused report must leave no page"
+
+
+@pytest.mark.parametrize(
+    ("scene", "words"),
+    [
+        ({"light": ""}, "light"),
+        ({"bsdf": '<bsdf type="no_such_bsdf"/>'}, "no_such_bsdf"),
+    ],
+)
+def test_a_scene_that_cannot_be_rendered_is_one_line(
+    scene: dict[str, str],
+    words: str,
+    variant: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = write_scene(tmp_path, **scene)
+    assert main(["report", str(path), "--output", str(tmp_path / "out")]) == EXIT_BAD_INPUT
+    assert words in refused_line(capsys)
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="needs a folder that nobody may write to")
+def test_a_folder_that_cannot_be_written_is_refused_before_rendering(
+    variant: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["report", "cornell_box", "--output", "/proc/vctgi-report"]) == EXIT_BAD_INPUT
+    assert "--output" in refused_line(capsys)
+
+
+def test_an_output_that_is_a_file_is_refused(
+    variant: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "taken"
+    path.write_text("in the way", encoding="utf-8")
+    assert main(["report", "cornell_box", "--output", str(path)]) == EXIT_BAD_INPUT
+    assert "--output" in refused_line(capsys)
+    assert path.read_text(encoding="utf-8") == "in the way"
+
+
+def test_debug_adds_the_traceback_before_the_line(
+    variant: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["report", "no_such_scene", "--debug"]) == EXIT_BAD_INPUT
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_report_makes_a_page_of_records_for_a_built_in_scene_and_a_file(
+    variant: str, tmp_path: Path
+) -> None:
+    scene = write_scene(tmp_path)
+    output = tmp_path / "report"
+    results = tmp_path / "results.json"
+    arguments = ["report", "cornell_box", str(scene), "--output", str(output)]
+    arguments += ["--cache", str(tmp_path / "cache"), "--json", str(results), *SMALL_REPORT]
+    assert main(arguments) == EXIT_DONE
+
+    page = (output / "index.html").read_text(encoding="utf-8")
+    records = read_records(output / "records")
+    assert len(records) == len(json.loads(results.read_text(encoding="utf-8"))) == 2
+    for path, record in records.items():
+        assert record.scene.title in page
+        assert record.machine.backend == variant
+        assert {stage.stage for stage in record.times} >= {"frame", "diffuse cones"}
+        assert record.reference is not None
+        assert record.reference.scattering_count == 2
+        # What the page compares is emission + direct + indirect of either side.
+        image, error = (load_image(path, record, name) for name in ("image", "error"))
+        assert image - error == pytest.approx(load_image(path, record, "reference"), abs=1e-5)
+    assert (output / "sheet.png").stat().st_size > 0
+    assert (output / "summary.md").read_text(encoding="utf-8").count("\n|") >= 3
+
+    # A second run reads the references it has.
+    assert main(arguments) == EXIT_DONE
+    again = [r for r in read_records(output / "records").values() if r.reference]
+    assert sum(r.reference is not None and r.reference.from_cache for r in again) == 2
+
+
+def test_the_same_run_gives_the_same_numbers(variant: str, tmp_path: Path) -> None:
+    measured = []
+    for number in range(2):
+        output = tmp_path / str(number)
+        arguments = ["report", "cornell_box", "--output", str(output), *SMALL_REPORT]
+        assert main([*arguments, "--cache", str(tmp_path / "cache")]) == EXIT_DONE
+        (record,) = read_records(output / "records").values()
+        measured.append([(m.component, m.name, m.value) for m in record.metrics])
+    assert measured[0] == measured[1]
+
+
+def test_plan_says_what_is_left_out(
+    variant: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    entries = tmp_path / "plan.json"
+    assert main(["plan", "cornell_box", "--json", str(entries)]) == EXIT_DONE
+    shown = capsys.readouterr().out
+    by_item = {e["item"]: e for e in json.loads(entries.read_text(encoding="utf-8"))}
+    assert not by_item["specular cones"]["kept"]
+    assert "no material has a glossy" in shown
+
+
+def test_render_and_reference_write_named_channels(variant: str, tmp_path: Path) -> None:
+    import OpenEXR
+
+    frame, truth = tmp_path / "frame.exr", tmp_path / "truth.exr"
+    small = ["--resolution", "32"]
+    assert main(["render", "cornell_box", "-o", str(frame), "--preset", "medium", *small]) == 0
+    cache = ["--cache", str(tmp_path / "cache")]
+    assert main(["reference", "cornell_box", "-o", str(truth), "--spp", "64", *small, *cache]) == 0
+    with OpenEXR.File(str(frame), separate_channels=True) as file:
+        names = set(file.channels())
+        assert {"R", "direct.R", "indirect_diffuse.G", "albedo.B", "normal.X", "depth.Z"} <= names
+    with OpenEXR.File(str(truth), separate_channels=True) as file:
+        assert {"R", "emission.R", "variance_indirect_diffuse.B"} <= set(file.channels())
+
+
+def test_a_record_names_how_to_make_it_again(variant: str, tmp_path: Path) -> None:
+    output = tmp_path / "out"
+    cache = ["--cache", str(tmp_path / "cache")]
+    assert main(["report", "cornell_box", "--output", str(output), *SMALL_REPORT, *cache]) == 0
+    (path,) = (output / "records").glob("*.json")
+    command = read_record(path).command
+    assert command.startswith("vctgi report cornell_box --preset medium --resolution 32 --spp 64")
