@@ -1,0 +1,61 @@
+"""The layered read of one point, in double precision."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tests.vctgi.twins.downsampling import address, is_held
+from vctgi.clipmap.levels import ClipmapLayout
+from vctgi.clipmap.sampling import OPTICAL_DEPTH_CAP
+from vctgi.maths.directions import other_axes
+
+
+@dataclass
+class HostVolume:
+    """Opacities [direction, z, y, x] and emittances [.., 3] of each level."""
+
+    layout: ClipmapLayout
+    alphas: list[np.ndarray]
+    colors: list[np.ndarray]
+
+
+def read_medium(
+    volume: HostVolume, level: int, point: np.ndarray, direction: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """Return extinction and source per world unit."""
+    layout = volume.layout.levels[level]
+    place = point / layout.voxel_size - 0.5
+    lowest = np.floor(place).astype(int)
+    fraction = place - lowest
+    extinction, source = 0.0, np.zeros(3)
+    for axis in range(3):
+        u, v = other_axes(axis)
+        slot = 2 * axis + (1 if direction[axis] < 0.0 else 0)
+        share = abs(direction[axis]) / layout.voxel_size
+        for along in range(2):
+            alpha, color = 0.0, np.zeros(3)
+            for step_u, step_v in itertools.product(range(2), repeat=2):
+                step = np.zeros(3, int)
+                step[axis], step[u], step[v] = along, step_u, step_v
+                if not is_held(lowest + step, layout):
+                    continue
+                weights = np.where(step == 1, fraction, 1.0 - fraction)
+                where = (slot, *address(lowest + step, layout))
+                alpha += weights[u] * weights[v] * volume.alphas[level][where]
+                color += weights[u] * weights[v] * volume.colors[level][where]
+            if (
+                alpha == 0.0
+                or not 0 <= lowest[axis] + along - layout.origin[axis] < layout.resolution
+            ):
+                continue
+            weight = fraction[axis] if along else 1.0 - fraction[axis]
+            depth = (
+                min(-math.log1p(-alpha), OPTICAL_DEPTH_CAP) if alpha < 1.0 else OPTICAL_DEPTH_CAP
+            )
+            extinction += share * weight * depth
+            source += share * weight * depth * color / alpha
+    return extinction, source
