@@ -1,0 +1,1 @@
+"""The clipmap: where its levels lie, how voxels are stored in them, how they are read."""

@@ -1,0 +1,1 @@
+"""Pictures of intermediate data; nothing imports this package."""

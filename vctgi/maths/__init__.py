@@ -1,0 +1,1 @@
+"""Pure functions of numbers: cones, directions and hashes."""

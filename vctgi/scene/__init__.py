@@ -1,0 +1,1 @@
+"""What is read off a Mitsuba scene: triangles, materials, lights and surfaces."""

@@ -1,0 +1,1 @@
+"""The stages of a frame, each a function of its inputs and its config."""

@@ -1,0 +1,1 @@
+"""Cones: how one marches through the clipmap, and which ones a point sends out."""

@@ -1,0 +1,1 @@
+"""Triangles into voxels: which cells of a face they cover, and so its opacity."""
