@@ -18,6 +18,7 @@ from vctgi.clipmap.storage import VoxelVolume, interleave
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
 from vctgi.maths.directions import kronecker_points, random_unit
+from vctgi.maths.stub_gaps import as_component
 from vctgi.plan import Plan, plan_render
 from vctgi.scene.lights import list_lights
 from vctgi.scene.materials import Material, describe_material
@@ -247,7 +248,9 @@ def _camera_rays(
     )
     lens = mi.Point2f(random_unit(sample_index, 1), random_unit(sample_index, 2))
     time = sensor.shutter_open() + sensor.shutter_open_time() * random_unit(sample_index, 3)
-    ray, _ = sensor.sample_ray_differential(time, random_unit(sample_index, 4), position, lens)
+    ray, _ = sensor.sample_ray_differential(
+        as_component(time), as_component(random_unit(sample_index, 4)), position, lens
+    )
     return ray
 
 

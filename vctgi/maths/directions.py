@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import mitsuba as mi
 
+from vctgi.maths.stub_gaps import as_bits
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -61,8 +63,8 @@ def unit_from_bits(bits: mi.UInt32) -> mi.Float:
 
 def random_unit(index: mi.UInt32, stream: int | mi.UInt32) -> mi.Float:
     """Return a hash of `index` in [0, 1): the same lane gives the same number in every run."""
-    bits, _ = mi.sample_tea_32(index, mi.UInt32(stream))
-    return unit_from_bits(bits)
+    bits, _ = mi.sample_tea_32(as_bits(index), as_bits(mi.UInt32(stream)))
+    return unit_from_bits(mi.UInt32(bits))
 
 
 def face_forward(normal: mi.Vector3f, direction: mi.Vector3f) -> mi.Vector3f:

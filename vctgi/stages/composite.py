@@ -40,7 +40,7 @@ def composite(
     specular
         Radiance by specular cones, or None where the scene needs none.
     """
-    nothing = mi.Color3f(0.0) + dr.zeros(mi.Float, dr.width(gbuffer.position))
+    nothing = dr.zeros(mi.Color3f, dr.width(gbuffer.position))
     diffuse = dr.select(gbuffer.is_valid, gbuffer.albedo * incident_diffuse, nothing)
     return IndirectLight(
         diffuse=diffuse,

@@ -15,6 +15,7 @@ from vctgi.clipmap.addressing import is_inside, texel_from_voxel, voxel_from_tex
 from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
 from vctgi.maths.directions import other_axes
+from vctgi.maths.stub_gaps import as_component
 
 
 def downsample(
@@ -107,10 +108,10 @@ def _merge_columns(
             front, back = (dr.gather(mi.Float, fine_alpha, index) for index in children)
             visible = dr.minimum(1.0 - front, back)
             mean_alpha += 0.25 * (front + visible)
-            if fine_color is not None:
+            if fine_color is not None and mean_color is not None:
                 share = dr.select(back > 0.0, visible / dr.select(back > 0.0, back, 1.0), 0.0)
                 front_color, back_color = (
                     dr.gather(mi.Color3f, fine_color, index) for index in children
                 )
-                mean_color += 0.25 * dr.fma(share, back_color, front_color)
+                mean_color += 0.25 * dr.fma(as_component(share), back_color, front_color)
     return mean_alpha, mean_color

@@ -15,6 +15,7 @@ import mitsuba as mi
 
 from vctgi.maths.cones import aperture_from_mean_cosine
 from vctgi.maths.directions import face_forward, random_unit
+from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.records import GBuffer
 
 
@@ -60,7 +61,7 @@ def trace_gbuffer(
     active
         Lanes to trace.
     """
-    si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
+    si = scene.ray_intersect(ray, int(mi.RayFlags.All), as_mask(False), as_mask(active))
     is_valid = si.is_valid()
     bsdf = si.bsdf(ray)
     sample_count = config.lobe_sample_count if has_specular or has_passing else 1
@@ -74,7 +75,7 @@ def trace_gbuffer(
         point = mi.Point2f(
             random_unit(sample_index, 3 * number + 1), random_unit(sample_index, 3 * number + 2)
         )
-        sample, raw = bsdf.sample(mi.BSDFContext(), si, lobe, point, is_valid)
+        sample, raw = bsdf.sample(mi.BSDFContext(), si, as_component(lobe), point, is_valid)
         is_used = is_valid & (sample.pdf > 0.0)
         weight = dr.select(is_used, mi.Color3f(raw), 0.0) / sample_count
         diffuse += dr.select(
@@ -98,11 +99,11 @@ def trace_gbuffer(
     axis, aperture = _cone_of_lobe(si, normal, ray.d, moment, moment_weight)
     return GBuffer(
         sample_index=sample_index,
-        is_valid=is_valid,
+        is_valid=mi.Bool(is_valid),
         position=dr.select(is_valid, si.p, 0.0),
         normal=normal,
         ray_direction=ray.d,
-        depth=dr.select(is_valid, si.t, 0.0),
+        depth=mi.Float(dr.select(is_valid, si.t, 0.0)),
         albedo=diffuse,
         specular_albedo=specular,
         specular_axis=axis,
@@ -120,12 +121,14 @@ def _cone_of_lobe(
 ) -> tuple[mi.Vector3f, mi.Float]:
     """Axis and aperture of the cone whose mean direction is the lobe's."""
     has_lobe = weight > 0.0
-    mean = moment / dr.select(has_lobe, weight, 1.0)
-    length = dr.norm(mean)
+    mean = moment / as_component(dr.select(has_lobe, weight, 1.0))
+    length = mi.Float(dr.norm(mean))
     mirrored = ray_direction - 2.0 * dr.dot(ray_direction, normal) * normal
     is_directed = has_lobe & (length > 0.0)
     axis = dr.select(
-        is_directed, si.to_world(mean / dr.select(length > 0.0, length, 1.0)), mirrored
+        is_directed,
+        si.to_world(mean / as_component(dr.select(length > 0.0, length, 1.0))),
+        mirrored,
     )
     aperture = dr.select(is_directed, aperture_from_mean_cosine(dr.minimum(length, 1.0)), 0.0)
     return dr.normalize(axis), aperture

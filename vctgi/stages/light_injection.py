@@ -93,19 +93,21 @@ def _scatter(
     scale: float,
 ) -> tuple[float, float]:
     """Add the texels of one map to the slots of one axis; return what was found and lost."""
-    slot = surface_slot(rsm.normal[axis])
+    slot = surface_slot(mi.Float(rsm.normal[axis]))
     facing = dr.abs(rsm.normal[axis])
     value = rsm.reflected_flux * (facing * per_flux)
-    local = rsm.position / level.voxel_size - mi.Vector3f(*level.origin)
+    local = rsm.position / level.voxel_size - mi.Point3f(*level.origin)
     # Along the axis the voxel lies behind the surface; across it the point says where.
     local[axis] += mi.Float(slot.behind) * BEHIND_NUDGE
     voxel = mi.Vector3i(dr.floor(local))
     u, v = other_axes(axis)
-    is_across = _is_held(voxel[u], level) & _is_held(voxel[v], level) & slot.is_facing
+    is_across = (
+        _is_held(mi.Int32(voxel[u]), level) & _is_held(mi.Int32(voxel[v]), level) & slot.is_facing
+    )
 
     found, lost = 0.0, 0.0
     for is_behind in (False, True):
-        depth = voxel[axis] + slot.behind if is_behind else voxel[axis]
+        depth = mi.Int32(voxel[axis] + slot.behind if is_behind else voxel[axis])
         active = is_across & _is_held(depth, level)
         if is_behind:
             active &= slot.is_sloped
@@ -115,10 +117,15 @@ def _scatter(
             amount = mi.Int64(dr.round(mi.Float64(value[channel]) * scale))
             dr.scatter_reduce(dr.ReduceOp.Add, sums[channel], amount, index, is_seen)
         if not is_behind:
-            brightness = dr.mean(value)
-            found = float(dr.sum(dr.select(is_seen, brightness, 0.0))[0])
-            lost = float(dr.sum(dr.select(active & ~is_seen, brightness, 0.0))[0])
+            brightness = mi.Float(dr.mean(value))
+            found = _total(brightness, is_seen)
+            lost = _total(brightness, active & ~is_seen)
     return found, lost
+
+
+def _total(value: mi.Float, active: mi.Bool) -> float:
+    held = dr.select(active, value, 0.0)
+    return float(dr.sum(held)[0])
 
 
 def _is_held(coordinate: mi.Int32, level: LevelLayout) -> mi.Bool:
@@ -129,7 +136,7 @@ def _slot_index(
     voxel: mi.Vector3i, depth: mi.Int32, axis: int, side: mi.UInt32, level: LevelLayout
 ) -> mi.UInt32:
     """Storage index of the slot of a voxel given relative to the window's corner."""
-    local = [voxel[0], voxel[1], voxel[2]]
+    local = [mi.Int32(coordinate) for coordinate in voxel]
     local[axis] = depth
     resolution = level.resolution
     x, y, z = (mi.UInt32((local[i] + level.origin[i]) & (resolution - 1)) for i in range(3))

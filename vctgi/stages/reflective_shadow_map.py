@@ -17,6 +17,7 @@ import numpy as np
 
 from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
 from vctgi.maths.directions import face_forward, kronecker_points, random_unit
+from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.lights import Light
 from vctgi.scene.records import ReflectiveShadowMap
 
@@ -115,7 +116,9 @@ def _rays_from_lamp(light: Light, edge: int) -> tuple[mi.Ray3f, mi.Color3f]:
     spread = kronecker_points(index)
     position = spread if light.is_delta_position else texel
     direction = texel if light.is_delta_position else spread
-    ray, weight = light.emitter.sample_ray(0.0, 0.5, position, direction)
+    ray, weight = light.emitter.sample_ray(
+        as_component(0.0), as_component(0.5), position, direction
+    )
     return ray, mi.Color3f(weight) / (edge * edge)
 
 
@@ -156,13 +159,14 @@ def _land(
     """Find what rays hit and how much of their power the surface reflects."""
     is_lit = dr.max(flux) > 0.0
     # First only which rays hit, then the surface of those.
-    found = scene.ray_intersect_preliminary(ray, True, is_lit)
+    found = scene.ray_intersect_preliminary(ray, as_mask(True), is_lit)
     dr.eval(found, ray, flux)
-    hit = dr.compress(found.is_valid() & is_lit)
+    hit = mi.UInt32(dr.compress(found.is_valid() & is_lit))
     ray = dr.gather(mi.Ray3f, ray, hit)
     flux = dr.gather(mi.Color3f, flux, hit)
     si = dr.gather(type(found), found, hit).compute_surface_interaction(ray)
-    cosine = dr.abs(dr.dot(si.n, ray.d))
+    normal = mi.Vector3f(si.n)
+    cosine = dr.abs(dr.dot(normal, ray.d))
     is_grazing = cosine <= GRAZING_COSINE
     flux = dr.select(is_grazing, 0.0, flux)
     cosine = dr.select(is_grazing, 1.0, cosine)
@@ -173,7 +177,7 @@ def _land(
         light_name=name,
         level=level,
         position=si.p,
-        normal=face_forward(mi.Vector3f(si.n), -ray.d),
+        normal=face_forward(normal, -ray.d),
         incident_flux=flux,
         reflected_flux=reflected,
     )
@@ -195,7 +199,7 @@ def hemispherical_albedo(si: mi.SurfaceInteraction3f, index: mi.UInt32) -> mi.Co
     for number in range(ALBEDO_SAMPLES):
         lobe = (number + random_unit(index, 3 * number)) / ALBEDO_SAMPLES
         point = mi.Point2f(random_unit(index, 3 * number + 1), random_unit(index, 3 * number + 2))
-        sample, weight = bsdf.sample(mi.BSDFContext(), si, lobe, point)
+        sample, weight = bsdf.sample(mi.BSDFContext(), si, as_component(lobe), point)
         is_reflection = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Reflection)
         is_used = is_reflection & (sample.pdf > 0.0)
         albedo += dr.select(is_used, mi.Color3f(weight), 0.0) / ALBEDO_SAMPLES

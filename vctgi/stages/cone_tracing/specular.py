@@ -63,7 +63,7 @@ def trace_specular(
     mi.Color3f
         Radiance towards the viewer, W m^-2 sr^-1.
     """
-    total = mi.Color3f(0.0) + dr.zeros(mi.Float, dr.width(gbuffer.position))
+    total = dr.zeros(mi.Color3f, dr.width(gbuffer.position))
     if has_specular:
         # A lobe that is wider than a cone can be ends at WIDEST_CONE.
         aperture = dr.clip(gbuffer.specular_aperture, config.min_aperture, WIDEST_CONE)

@@ -16,6 +16,7 @@ import mitsuba as mi
 from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.slots import BEHIND_NUDGE, surface_slot
 from vctgi.maths.directions import other_axes, random_unit
+from vctgi.maths.stub_gaps import as_component
 
 CELLS_PER_EDGE = 8
 """Cells along an edge of a voxel face; their 64 bits fit one word."""
@@ -88,7 +89,7 @@ def coverage_masks(triangles: list[DeviceTriangles], level: LevelLayout, axis: i
     for batch in triangles:
         projection = _project(batch, level, axis)
         is_met = projection.cell_count > 0
-        met = dr.compress(is_met)
+        met = mi.UInt32(dr.compress(is_met))
         if dr.width(met) == 0:
             continue
         counts = dr.gather(mi.UInt32, projection.cell_count, met)
@@ -146,7 +147,7 @@ def _project(batch: DeviceTriangles, level: LevelLayout, axis: int) -> _Projecti
 
 def _owners(starts: mi.UInt32, begin: int, end: int) -> mi.UInt32:
     """Which run each number in [begin, end) belongs to; runs are not empty."""
-    before = int(dr.count(starts <= begin)[0]) - 1
+    before = int(mi.UInt32(dr.count(starts <= begin))[0]) - 1
     is_new = dr.zeros(mi.UInt32, end - begin)
     dr.scatter(is_new, mi.UInt32(1), starts - begin, (starts > begin) & (starts < end))
     return before + dr.cumsum(is_new)
@@ -182,7 +183,7 @@ def _mark_cells(
     if batch.mask is not None:
         uv = sum(
             (
-                mi.Float(s) * dr.gather(mi.Point2f, corner, triangle)
+                as_component(mi.Float(s)) * dr.gather(mi.Point2f, corner, triangle)
                 for s, corner in zip(share, batch.uv, strict=True)
             ),
             mi.Point2f(0.0),
@@ -211,7 +212,8 @@ def _barycentric(
         edge_u, edge_v = u[b] - u[a], v[b] - v[a]
         cross = edge_u * (centre_v - v[a]) - edge_v * (centre_u - u[a])
         length = dr.sqrt(edge_u * edge_u + edge_v * edge_v)
-        inside &= dr.mulsign(cross, doubled) >= -EDGE_TOLERANCE * length
+        signed: mi.Float64 = dr.mulsign(cross, doubled)  # type: ignore[no-untyped-call]
+        inside &= signed >= -EDGE_TOLERANCE * length
         share.append(cross / doubled)
     return inside, share
 
@@ -224,7 +226,7 @@ def _is_opaque(
     si.uv = uv
     si.wi = mi.Vector3f(0.0, 0.0, 1.0)
     si.sh_frame = mi.Frame3f(mi.Vector3f(0.0, 0.0, 1.0))
-    passed = dr.mean(bsdf.eval_null_transmission(si))
+    passed = dr.mean(mi.Color3f(bsdf.eval_null_transmission(si)))
     threshold = random_unit(
         mi.UInt32(cell_u) + 0x9E3779B9 * mi.UInt32(cell_v) + 0x85EBCA6B * mi.UInt32(voxel), 0
     )
