@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -18,6 +17,7 @@ from vctgi.clipmap.levels import (
     ClipmapLayout,
     lay_out_clipmap,
 )
+from vctgi.scene.camera import survey_rays
 from vctgi.scene.lights import Light
 from vctgi.scene.materials import Material
 from vctgi.scene.triangles import SceneTriangles
@@ -188,12 +188,7 @@ def _near_bounds(
     scene: mi.Scene, sensor: mi.Sensor, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of the nearest visible points, or of the scene where none is visible."""
-    pixel = dr.arange(mi.UInt32, SURVEY_RESOLUTION**2)
-    film = (
-        mi.Point2f(pixel % SURVEY_RESOLUTION, pixel // SURVEY_RESOLUTION) + 0.5
-    ) / SURVEY_RESOLUTION
-    ray, _ = sensor.sample_ray(0.0, 0.5, film, mi.Point2f(0.5))
-    si = scene.ray_intersect(ray)
+    si = scene.ray_intersect(survey_rays(sensor, SURVEY_RESOLUTION))
     is_hit = np.array(si.is_valid())
     if not is_hit.any():
         return low, high

@@ -15,6 +15,8 @@ import mitsuba as mi
 import numpy as np
 
 from vctgi.maths.directions import face_forward, random_unit
+from vctgi.maths.stub_gaps import as_mask
+from vctgi.scene.camera import survey_rays
 from vctgi.scene.materials import Material
 from vctgi.scene.triangles import SceneTriangles
 
@@ -108,26 +110,23 @@ def _survey(scene: mi.Scene, sensor: mi.Sensor, triangles: SceneTriangles) -> np
     """Count hits on the front and back of each triangle by diffuse paths from the camera."""
     votes = dr.zeros(mi.UInt32, 2 * triangles.triangle_count)
     first_face, kept = _face_lookup(scene, triangles)
-    pixel = dr.arange(mi.UInt32, SURVEY_RESOLUTION**2)
-    film = (
-        mi.Point2f(pixel % SURVEY_RESOLUTION, pixel // SURVEY_RESOLUTION) + 0.5
-    ) / SURVEY_RESOLUTION
-    ray, _ = sensor.sample_ray(0.0, 0.5, film, mi.Point2f(0.5))
-    si = scene.ray_intersect(ray, True)
+    ray = survey_rays(sensor, SURVEY_RESOLUTION)
+    si = scene.ray_intersect(ray, as_mask(True))
     _count(votes, si, ray.d, first_face, kept)
 
     # Every first hit sends out several paths; a lane is a path.
     lane = dr.arange(mi.UInt32, PATHS_PER_HIT * SURVEY_RESOLUTION**2)
     parent = lane // PATHS_PER_HIT
-    p, n, d, is_valid = (
-        dr.gather(type(value), value, parent) for value in (si.p, si.n, ray.d, si.is_valid())
-    )
+    p = dr.gather(mi.Point3f, si.p, parent)
+    n = dr.gather(mi.Normal3f, si.n, parent)
+    d = dr.gather(mi.Vector3f, ray.d, parent)
+    is_valid = as_mask(dr.gather(mi.Bool, si.is_valid(), parent))
     for bounce in range(SURVEY_BOUNCES):
         normal = face_forward(mi.Vector3f(n), -d)
         sample = mi.Point2f(random_unit(lane, 2 * bounce), random_unit(lane, 2 * bounce + 1))
         d = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(sample))
         scale = 1.0 + dr.max(dr.abs(p))
-        ray = mi.Ray3f(dr.fma(normal, scale * RAY_EPSILON, p), d)
+        ray = mi.Ray3f(mi.Point3f(dr.fma(normal, scale * RAY_EPSILON, p)), d)
         si = scene.ray_intersect(ray, is_valid)
         is_valid &= si.is_valid()
         _count(votes, si, d, first_face, kept)
@@ -142,11 +141,16 @@ RAY_EPSILON = 1500.0 * 2.0**-24
 
 def _face_lookup(scene: mi.Scene, triangles: SceneTriangles) -> tuple[mi.Int32, mi.Int32]:
     """Return the first face of each shape by its registry number, and the triangle of each face."""
-    numbers = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(s))[0]) for s in scene.shapes()]
+    numbers = [int(_registry_number(mi.ShapePtr(shape))[0]) for shape in scene.shapes()]
     first = np.full(max(numbers, default=0) + 1, -1)
     for shape, start in triangles.first_face:
-        first[int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])] = start
+        first[int(_registry_number(mi.ShapePtr(shape))[0])] = start
     return mi.Int32(first.astype(np.int32)), mi.Int32(triangles.kept.astype(np.int32))
+
+
+def _registry_number(shape: mi.ShapePtr) -> mi.UInt32:
+    """Return the number that Dr.Jit knows a shape by, 0 for none."""
+    return mi.UInt32(dr.reinterpret_array(mi.UInt32, shape))
 
 
 def _count(
@@ -157,14 +161,14 @@ def _count(
     kept: mi.Int32,
 ) -> None:
     """Add one vote for the side that each ray hit."""
-    number = dr.reinterpret_array(mi.UInt32, si.shape)
+    number = _registry_number(si.shape)
     is_known = si.is_valid() & (number < dr.width(first_face))
     start = dr.gather(mi.Int32, first_face, number, is_known)
     is_known &= start >= 0
     face = mi.UInt32(start) + si.prim_index
     triangle = dr.gather(mi.Int32, kept, face, is_known)
     is_known &= triangle >= 0
-    side = dr.select(dr.dot(si.n, d) < 0.0, mi.UInt32(0), mi.UInt32(1))
+    side = dr.select(dr.dot(mi.Vector3f(si.n), d) < 0.0, mi.UInt32(0), mi.UInt32(1))
     dr.scatter_reduce(
         dr.ReduceOp.Add, votes, mi.UInt32(1), 2 * mi.UInt32(triangle) + side, is_known
     )
