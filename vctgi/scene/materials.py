@@ -90,7 +90,7 @@ def _inside_two_sided(bsdf: mi.BSDF) -> mi.BSDF:
         return bsdf
     nested: list[mi.BSDF] = []
 
-    class Collector(mi.TraversalCallback):  # type: ignore[misc]
+    class Collector(mi.TraversalCallback):
         def put(self, _name: str, value: object, *_: object) -> None:
             if isinstance(value, mi.BSDF):
                 nested.append(value)

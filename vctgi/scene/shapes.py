@@ -88,7 +88,7 @@ def _children(parent: mi.Object) -> list[mi.Shape]:
     shapes: list[mi.Shape] = []
 
     # The class exists only once a variant is set.
-    class Collector(mi.TraversalCallback):  # type: ignore[misc]
+    class Collector(mi.TraversalCallback):
         def put(self, _name: str, value: object, *_: object) -> None:
             if isinstance(value, mi.Shape):
                 shapes.append(value)
@@ -148,21 +148,9 @@ def _moved(mesh: ShapeMesh, to_world: np.ndarray) -> ShapeMesh:
     return ShapeMesh(mesh.shape, mesh.name, positions, faces, mesh.uv, is_in_scene=False)
 
 
-def _fits(instance: mi.Shape, meshes: list[ShapeMesh]) -> bool:
-    """Whether the meshes fill the bounding box that the instance has."""
-    box = instance.bbox()
-    low, high = np.array(box.min).ravel(), np.array(box.max).ravel()
-    found_low = np.min([mesh.positions.min(axis=0) for mesh in meshes], axis=0)
-    found_high = np.max([mesh.positions.max(axis=0) for mesh in meshes], axis=0)
-    # Mitsuba transforms the corners of the group's box, so under a rotation its box is wider.
-    slack = 2.0 * CHORD_ERROR * float(np.max(high - low))
-    is_inside = bool(np.all(found_low >= low - slack) and np.all(found_high <= high + slack))
-    return is_inside and bool(np.all(found_high - found_low >= 0.5 * (high - low) - slack))
-
-
 def _mesh_from_shape(shape: mi.Shape, name: str, *, is_in_scene: bool) -> ShapeMesh | None:
     """One shape as triangles, or None if its kind is not supported."""
-    if shape.is_mesh():
+    if isinstance(shape, mi.Mesh):
         positions = np.array(shape.vertex_positions_buffer(), dtype=np.float64).reshape(-1, 3)
         faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3)
         uv = (
