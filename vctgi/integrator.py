@@ -8,15 +8,22 @@ through `mi.traverse` are seen.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.config import PRESETS, RenderConfig, preset
-from vctgi.pipeline import PreparedScene, gather_light, light_volume, prepare_scene
 from vctgi.clipmap.storage import VoxelVolume
+from vctgi.config import PRESETS, RenderConfig, preset
+from vctgi.maths.stub_gaps import as_bits, as_component, as_mask
+from vctgi.pipeline import PreparedScene, gather_light, light_volume, prepare_scene
 from vctgi.stages.gbuffer import trace_gbuffer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    # What the stubs of Mitsuba call the arrays of an integrator's methods.
+    from drjit.auto.ad import Bool, Float, TensorXf, UInt
 
 PLUGIN_NAME = "vctgi"
 
@@ -37,13 +44,16 @@ AOV_NAMES = [
 def register() -> None:
     """Register the plugin for the variant that is set, and for every variant set later."""
     mi.detail.add_variant_callback(_on_variant)
-    if mi.variant() is not None:
-        _on_variant(None, mi.variant())
+    variant = mi.variant()
+    if variant is not None:
+        _on_variant(None, variant)
 
 
 def _on_variant(_old: str | None, new: str) -> None:
     """Define the class for a variant: its base class belongs to one."""
-    factory = _integrator_class() if new in SUPPORTED_VARIANTS else _refuse
+    factory: Callable[[mi.Properties], mi.Integrator] = (
+        _integrator_class() if new in SUPPORTED_VARIANTS else _refuse
+    )
     mi.register_integrator(PLUGIN_NAME, factory)
 
 
@@ -56,11 +66,13 @@ def _refuse(_props: mi.Properties) -> mi.Integrator:
 
 def _config_from_properties(props: mi.Properties) -> tuple[str, RenderConfig]:
     """Read the preset and what overrides it from a plugin's properties."""
-    name = str(props.get("preset", "high"))
+    # A property has the type that it was written with.
+    get: Callable[[str, object], Any] = props.get
+    name = str(get("preset", "high"))
     config = preset(name)
-    resolution = int(props.get("resolution", config.clipmap.resolution))
-    cone_count = int(props.get("cone_count", config.diffuse.cone_count))
-    scale = float(props.get("aperture_scale", config.diffuse.aperture_scale))
+    resolution = int(get("resolution", config.clipmap.resolution))
+    cone_count = int(get("cone_count", config.diffuse.cone_count))
+    scale = float(get("aperture_scale", config.diffuse.aperture_scale))
     return name, replace(
         config,
         clipmap=replace(config.clipmap, resolution=resolution),
@@ -68,10 +80,10 @@ def _config_from_properties(props: mi.Properties) -> tuple[str, RenderConfig]:
     )
 
 
-def _integrator_class() -> Any:  # noqa: ANN401
+def _integrator_class() -> type[mi.SamplingIntegrator]:
     """Return the plugin's class for the variant that is set."""
 
-    class VoxelConeTracing(mi.SamplingIntegrator):  # type: ignore[misc]
+    class VoxelConeTracing(mi.SamplingIntegrator):
         """Direct light by sampling, one bounce by voxel cone tracing.
 
         Properties: `preset` (one of the named presets, default high), and overrides of it:
@@ -86,20 +98,20 @@ def _integrator_class() -> Any:  # noqa: ANN401
             self.prepared: PreparedScene | None = None
             self.volume: VoxelVolume | None = None
 
-        def render(  # noqa: PLR0913
+        def render(
             self,
             scene: mi.Scene,
             sensor: mi.Sensor | int = 0,
-            seed: int = 0,
+            seed: int | UInt = 0,
             spp: int = 0,
             develop: bool = True,
             evaluate: bool = True,
-        ) -> mi.TensorXf:
+        ) -> TensorXf:
             """Voxelize and light the scene, then render it as any sampling integrator."""
-            camera = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
+            camera: mi.Sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
             self.prepared = prepare_scene(scene, camera, self.config)
             self.volume = light_volume(self.prepared, self.config).volume
-            return super().render(scene, camera, seed, spp, develop, evaluate)
+            return super().render(scene, camera, as_bits(seed), spp, develop, evaluate)
 
         def sample(
             self,
@@ -107,14 +119,15 @@ def _integrator_class() -> Any:  # noqa: ANN401
             sampler: mi.Sampler,
             ray: mi.RayDifferential3f,
             medium: mi.Medium | None = None,
-            active: bool | mi.Bool = True,
-        ) -> tuple[mi.Color3f, mi.Bool, list[mi.Float]]:
+            active: bool | Bool = True,
+        ) -> tuple[mi.Spectrum, Bool, list[Float]]:
             """Radiance along camera rays, and its components."""
             if self.prepared is None or self.volume is None:
                 raise RuntimeError(
                     "vctgi: sample() was called before render(); the voxels do not exist yet."
                 )
-            sample_index = dr.reinterpret_array(mi.UInt32, sampler.next_1d(active))
+            number = sampler.next_1d(as_mask(active))
+            sample_index = mi.UInt32(dr.reinterpret_array(mi.UInt32, number))
             plan = self.prepared.plan
             gbuffer = trace_gbuffer(
                 scene,
@@ -123,7 +136,7 @@ def _integrator_class() -> Any:  # noqa: ANN401
                 self.config.gbuffer,
                 has_specular=plan.has_specular,
                 has_passing=plan.has_passing,
-                active=active,
+                active=mi.Bool(active),
             )
             dr.eval(gbuffer)
             light = gather_light(gbuffer, self.volume, plan, self.config)
@@ -131,7 +144,7 @@ def _integrator_class() -> Any:  # noqa: ANN401
             total = direct + light.diffuse + light.specular
             normal = dr.select(gbuffer.is_valid, gbuffer.normal, 0.0)
             aovs = [*direct, *light.diffuse, *light.specular, *gbuffer.albedo, *normal]
-            return total, is_valid, [*aovs, gbuffer.depth]
+            return total, is_valid, [*aovs, as_component(gbuffer.depth)]
 
         def aov_names(self) -> list[str]:
             """Names of the channels after the colour."""
