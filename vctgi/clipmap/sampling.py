@@ -16,6 +16,7 @@ import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.directions import DIRECTION_COUNT, other_axes
+from vctgi.maths.stub_gaps import as_component
 
 OPTICAL_DEPTH_CAP = 6.0
 """Largest optical depth of one voxel. An opaque voxel lets exp(-6) = 0.25 % through, and the
@@ -74,7 +75,7 @@ def read_medium(
     row = dr.gather(mi.Vector4i, volume.table.origins, level)
     offset = dr.gather(mi.UInt32, volume.table.voxel_offsets, level)
     voxel_size = volume.layout.finest_voxel_size * dr.exp2(mi.Float(level))
-    corners = _corners(p_world / voxel_size - 0.5, row)
+    corners = _corners(p_world / as_component(voxel_size) - 0.5, row)
     slot_stride = mi.UInt32(1) << (3 * mi.UInt32(row.w))
 
     extinction = mi.Float(0.0)
@@ -83,13 +84,13 @@ def read_medium(
         towards_lower = dr.select(direction[axis] < 0.0, mi.UInt32(1), mi.UInt32(0))
         base = offset * DIRECTION_COUNT + (2 * axis + towards_lower) * slot_stride
         depth, emitted = _read_axis(volume.texels, corners, base, axis)
-        share = dr.abs(direction[axis]) / voxel_size
+        share = as_component(dr.abs(direction[axis]) / voxel_size)
         extinction = dr.fma(share, depth, extinction)
         source = dr.fma(share, emitted, source)
     return Medium(extinction, source)
 
 
-def _corners(q: mi.Vector3f, row: mi.Vector4i) -> _Corners:
+def _corners(q: mi.Point3f, row: mi.Vector4i) -> _Corners:
     """Weights and addresses of the voxels around `q`, in voxels from voxel centre 0."""
     lowest = dr.floor(q)
     fraction = q - lowest
@@ -100,7 +101,7 @@ def _corners(q: mi.Vector3f, row: mi.Vector4i) -> _Corners:
     for axis in range(3):
         pair = []
         for step in range(2):
-            weight = fraction[axis] if step else 1.0 - fraction[axis]
+            weight = mi.Float(fraction[axis] if step else 1.0 - fraction[axis])
             # An unsigned comparison tests both ends of the window at once.
             is_held = mi.UInt32(voxel[axis] + step - row[axis]) < resolution
             stored = mi.UInt32(voxel[axis] + step) & (resolution - 1)
@@ -129,12 +130,12 @@ def _read_axis(
                 steps[axis], steps[u], steps[v] = along, step_u, step_v
                 address = base + corners.address[steps[0]][steps[1]][steps[2]]
                 weight = corners.weights[u][step_u] * corners.weights[v][step_v]
-                texel = dr.fma(weight, dr.gather(mi.Vector4f, texels, address), texel)
+                texel = dr.fma(as_component(weight), dr.gather(mi.Vector4f, texels, address), texel)
         layer_weight = corners.weights[axis][along]
-        layer_depth, depth_per_opacity = optical_depth(texel.w)
+        layer_depth, depth_per_opacity = optical_depth(mi.Float(texel.w))
         depth = dr.fma(layer_weight, layer_depth, depth)
-        layer_emitted = mi.Color3f(texel.x, texel.y, texel.z) * depth_per_opacity
-        emitted = dr.fma(layer_weight, layer_emitted, emitted)
+        layer_emitted = mi.Color3f(texel.x, texel.y, texel.z) * as_component(depth_per_opacity)
+        emitted = dr.fma(as_component(layer_weight), layer_emitted, emitted)
     return depth, emitted
 
 

@@ -16,6 +16,7 @@ import mitsuba as mi
 from vctgi.clipmap.levels import WINDOW_MARGIN_VOXELS, ClipmapLayout
 from vctgi.clipmap.sampling import read_medium
 from vctgi.clipmap.storage import VoxelVolume
+from vctgi.maths.stub_gaps import as_component
 
 LEVEL_BLEND = 0.15
 """Outer share of a window's half extent over which it fades into the next coarser level."""
@@ -121,6 +122,7 @@ def march_cone(
     full = dr.zeros(mi.Float, width)
     t_begin, t_end = _march_range(layout, apex, axis, cone_ratio)
     start = config.start_offset_voxels * layout.finest_voxel_size
+    next_float: float = 1.0 + dr.epsilon(mi.Float)  # type: ignore[no-untyped-call]
     t = dr.maximum(t_begin, start * dr.exp2(finest_level(layout, apex))) + full
 
     def is_running(
@@ -140,23 +142,23 @@ def march_cone(
         step_count: mi.UInt32,
     ) -> tuple[mi.Float, mi.Float, mi.Float, mi.Color3f, mi.UInt32]:
         # Step length: the footprint sets it, and the voxels that exist here bound it from below.
-        held = layout.finest_voxel_size * dr.exp2(finest_level(layout, dr.fma(axis, t, apex)))
+        p_begin = mi.Point3f(dr.fma(axis, t, apex))
+        held = layout.finest_voxel_size * dr.exp2(finest_level(layout, p_begin))
         step = dr.maximum(config.step_ratio * cone_ratio * t, config.min_step_voxels * held)
         step = dr.minimum(step * step_share, t_end - t)
 
         # Medium in the middle of the step, between the two levels that enclose the footprint.
         t_middle = dr.fma(0.5, step, t)
-        extinction, source = _read_at(
-            volume, dr.fma(axis, t_middle, apex), axis, cone_ratio * t_middle, config
-        )
+        p_middle = mi.Point3f(dr.fma(axis, t_middle, apex))
+        extinction, source = _read_at(volume, p_middle, axis, cone_ratio * t_middle, config)
 
         # Emission and absorption over the step, in closed form for a homogeneous medium.
         stopped = 1.0 - dr.exp(-extinction * step)
         is_clear = extinction <= 0.0
-        seen = source * (stopped / dr.select(is_clear, 1.0, extinction))
-        radiance = dr.fma(transmittance, dr.select(is_clear, 0.0, seen), radiance)
+        seen = source * as_component(stopped / dr.select(is_clear, 1.0, extinction))
+        radiance = dr.fma(as_component(transmittance), dr.select(is_clear, 0.0, seen), radiance)
         # The step may be too short to change t in single precision far from the apex.
-        t = dr.maximum(t + step, t * (1.0 + dr.epsilon(mi.Float)))
+        t = dr.maximum(t + step, t * next_float)
         return t, full + 1.0, transmittance * (1.0 - stopped), radiance, step_count + 1
 
     _, _, transmittance, radiance, step_count = dr.while_loop(
@@ -186,24 +188,27 @@ def _read_at(
     layout = volume.layout
     last = len(layout.levels) - 1
     wanted = dr.log2(footprint / layout.finest_voxel_size) + config.level_bias
-    level = dr.clip(dr.maximum(wanted, finest_level(layout, p_world)), 0.0, float(last))
+    level = mi.Float(dr.clip(dr.maximum(wanted, finest_level(layout, p_world)), 0.0, float(last)))
     finer = dr.minimum(mi.UInt32(level), max(last - 1, 0))
     coarser = dr.minimum(finer + 1, last)
     blend = level - mi.Float(finer)
 
     near, far = (
-        read_medium(volume, each, p_world - axis * _pull_back(layout, each, config), axis)
+        read_medium(volume, each, p_world - _pull_back(layout, each, axis, config), axis)
         for each in (finer, coarser)
     )
     return (
         dr.lerp(near.extinction, far.extinction, blend),
-        dr.lerp(near.source, far.source, blend),
+        dr.lerp(near.source, far.source, as_component(blend)),
     )
 
 
-def _pull_back(layout: ClipmapLayout, level: mi.UInt32, config: ConeMarchConfig) -> mi.Float:
-    """Return how far before the sample a level is read, world units."""
-    return config.pull_back_voxels * layout.finest_voxel_size * dr.exp2(mi.Float(level))
+def _pull_back(
+    layout: ClipmapLayout, level: mi.UInt32, axis: mi.Vector3f, config: ConeMarchConfig
+) -> mi.Point3f:
+    """Return by how much a level is read before the sample, world units."""
+    distance = config.pull_back_voxels * layout.finest_voxel_size * dr.exp2(mi.Float(level))
+    return mi.Point3f(axis * as_component(distance))
 
 
 def finest_level(layout: ClipmapLayout, p_world: mi.Point3f) -> mi.Float:
@@ -225,10 +230,11 @@ def finest_level(layout: ClipmapLayout, p_world: mi.Point3f) -> mi.Float:
     if last == 0:
         return mi.Float(0.0)
     offset = dr.abs(p_world - mi.Point3f(*layout.centre))
-    distance = dr.maximum(dr.maximum(offset.x, offset.y), offset.z)
+    distance = mi.Float(dr.maximum(dr.maximum(offset.x, offset.y), offset.z))
     half_extent = (0.5 * layout.resolution - WINDOW_MARGIN_VOXELS) * layout.finest_voxel_size
     # Smallest level whose window holds the point, then a ramp over the rim of that window.
-    level = dr.maximum(dr.ceil(dr.log2(dr.maximum(distance / half_extent, 0.5))), 0.0)
+    windows = dr.maximum(distance / half_extent, 0.5)
+    level = dr.maximum(dr.ceil(dr.log2(windows)), 0.0)
     share = distance / (half_extent * dr.exp2(level))
     ramp = dr.clip((share - (1.0 - LEVEL_BLEND)) / LEVEL_BLEND, 0.0, 1.0)
     return dr.minimum(level + ramp, float(last))
@@ -244,9 +250,9 @@ def _march_range(
     box = layout.coarsest
     # A direction parallel to a face would make 0 * inf = NaN where the apex lies on it.
     inverse = 1.0 / dr.select(dr.abs(axis) < PARALLEL, PARALLEL, axis)
-    t0 = (mi.Point3f(*box.window_min) - apex) * inverse
-    t1 = (mi.Point3f(*box.window_max) - apex) * inverse
-    enter = dr.max(dr.minimum(t0, t1))
-    leave = dr.min(dr.maximum(t0, t1))
+    t0 = mi.Vector3f(mi.Point3f(*box.window_min) - apex) * inverse
+    t1 = mi.Vector3f(mi.Point3f(*box.window_max) - apex) * inverse
+    lower, upper = dr.minimum(t0, t1), dr.maximum(t0, t1)
+    enter, leave = mi.Float(dr.max(lower)), mi.Float(dr.min(upper))
     is_hit = (leave > enter) & (leave > 0.0)
     return dr.maximum(enter, 0.0), dr.select(is_hit, leave * (1.0 + cone_ratio), -1.0)
