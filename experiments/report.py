@@ -16,7 +16,7 @@ from reports.markdown import write_markdown_summary
 from reports.record import Record
 from reports.sheet import write_sheet
 
-PAGE, SUMMARY, SHEET = "index.html", "summary.md", "sheet.png"
+PAGE, SUMMARY, SHEET = "index.html", "summary.md", "sheet.jpg"
 """Files that a report leaves in its folder, beside `records/`."""
 
 

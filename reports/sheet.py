@@ -1,4 +1,4 @@
-"""Records -> one PNG: for each scene cones, reference, signed error and FLIP side by side."""
+"""Records -> one JPEG: for each scene cones, reference, signed error and FLIP side by side."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ COLUMNS = ("voxel cone tracing", "path tracing", "signed error", "HDR-FLIP")
 GAP, HEADER, FOOTER = 6, 26, 22
 """Pixels between pictures, above the columns and below each row."""
 
+JPEG_QUALITY = 88
+"""The sheet is to be looked at, not measured; the pictures themselves are the records' EXR files."""
+
 ERROR_SHARE = 0.25
 """The error colours end at this share of the reference's mean luminance."""
 
@@ -28,7 +31,7 @@ def write_sheet(record_paths: Sequence[Path], output: Path, *, width: int = 240)
     record_paths
         Records with the images `image`, `reference`, `error` and `flip`.
     output
-        PNG file; it appears only when it is whole.
+        JPEG file; it appears only when it is whole.
     width
         Width of each picture, pixels.
 
@@ -52,9 +55,7 @@ def write_sheet(record_paths: Sequence[Path], output: Path, *, width: int = 240)
         top += row.height
     output.parent.mkdir(parents=True, exist_ok=True)
     partial = output.with_name(f".{output.name}.partial")
-    sheet.quantize(colors=256, method=Image.Quantize.MEDIANCUT).save(
-        partial, format="PNG", optimize=True
-    )
+    sheet.save(partial, format="JPEG", quality=JPEG_QUALITY, optimize=True)
     partial.replace(output)
     return output
 

@@ -142,7 +142,7 @@ def test_report_makes_a_page_of_records_for_a_built_in_scene_and_a_file(
         # What the page compares is emission + direct + indirect of either side.
         image, error = (load_image(path, record, name) for name in ("image", "error"))
         assert image - error == pytest.approx(load_image(path, record, "reference"), abs=1e-5)
-    assert (output / "sheet.png").stat().st_size > 0
+    assert (output / "sheet.jpg").stat().st_size > 0
     assert (output / "summary.md").read_text(encoding="utf-8").count("\n|") >= 3
 
     # A second run reads the references it has.
