@@ -1,1 +1,1 @@
-"""Pictures of intermediate data; nothing imports this package."""
+"""Pictures of intermediate data: none yet. The rest of the renderer may not import this."""
