@@ -1,1 +1,3 @@
 """The stages of a frame, each a function of its inputs and its config."""
+
+from __future__ import annotations
