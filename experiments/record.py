@@ -242,8 +242,8 @@ def _warnings(result: RunResult) -> list[str]:
     for level, share in enumerate(result.lit.lost_flux_share):
         if share > NOTABLE_LOSS:
             found.append(
-                f"level {level}: {100.0 * share:.1f} % of the reflected light fell where the "
-                "voxels have no opacity, and is lost"
+                f"level {level}: {100.0 * share:.1f} % of the reflected light was not injected: "
+                "it fell on sides that no camera path meets, or where the voxels have no opacity"
             )
     found += [
         f"left out: {entry.item}: {entry.reason}"

@@ -37,7 +37,7 @@ class RunOptions:
     """Independent batches of the reference."""
     seed: int = 0
     """Start of all random numbers."""
-    warm_frames: int = 3
+    warm_frames: int = 2
     """Frames that are timed, after one that compiles."""
     cache_directory: Path | None = None
     """Where references are kept."""

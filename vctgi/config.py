@@ -42,17 +42,25 @@ class RenderConfig:
             )
 
 
-def _diffuse(cone_count: int, level_bias: float) -> DiffuseConesConfig:
+def _diffuse(cone_count: int, level_bias: float, near_field_voxels: float) -> DiffuseConesConfig:
     """Return a cone set; few cones want a finer level than many (docs/decisions/0001)."""
-    return DiffuseConesConfig(cone_count=cone_count, march=ConeMarchConfig(level_bias=level_bias))
+    return DiffuseConesConfig(
+        cone_count=cone_count,
+        near_field_voxels=near_field_voxels,
+        march=ConeMarchConfig(level_bias=level_bias),
+    )
 
 
 _DEFAULT = RenderConfig()
 
 PRESETS: dict[str, RenderConfig] = {
-    "medium": replace(_DEFAULT, diffuse=_diffuse(6, -1.0), samples_per_pixel=2),
-    "high": replace(_DEFAULT, diffuse=_diffuse(17, -1.0)),
-    "ultra": replace(_DEFAULT, clipmap=ClipmapConfig(resolution=128), diffuse=_diffuse(64, -0.5)),
+    "medium": replace(_DEFAULT, diffuse=_diffuse(6, -1.0, 0.0), samples_per_pixel=2),
+    "high": replace(
+        _DEFAULT, clipmap=ClipmapConfig(resolution=128), diffuse=_diffuse(17, -1.0, 2.0)
+    ),
+    "ultra": replace(
+        _DEFAULT, clipmap=ClipmapConfig(resolution=128), diffuse=_diffuse(64, -0.5, 2.0)
+    ),
 }
 """Named configurations, from cheap to dear."""
 

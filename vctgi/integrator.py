@@ -139,7 +139,7 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
                 active=mi.Bool(active),
             )
             dr.eval(gbuffer)
-            light = gather_light(gbuffer, self.volume, plan, self.config)
+            light = gather_light(self.prepared, gbuffer, self.volume, self.config)
             direct, is_valid, _ = self.direct.sample(scene, sampler, ray, medium, active)
             total = direct + light.diffuse + light.specular
             normal = dr.select(gbuffer.is_valid, gbuffer.normal, 0.0)

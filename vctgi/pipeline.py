@@ -18,7 +18,7 @@ from vctgi.clipmap.storage import VoxelVolume, interleave
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
 from vctgi.maths.directions import kronecker_points, random_unit
-from vctgi.maths.stub_gaps import as_component
+from vctgi.maths.stub_gaps import as_bits, as_component
 from vctgi.plan import Plan, plan_render
 from vctgi.scene.lights import list_lights
 from vctgi.scene.materials import Material, describe_material
@@ -153,16 +153,17 @@ def light_volume(
 
 
 def gather_light(
+    prepared: PreparedScene,
     gbuffer: GBuffer,
     volume: VoxelVolume,
-    plan: Plan,
     config: RenderConfig,
     clock: StageClock = no_clock,
 ) -> IndirectLight:
     """Trace the cones of visible points and put their light together."""
     with clock("diffuse cones"):
-        incident = trace_diffuse(gbuffer, volume, config.diffuse)
+        incident = trace_diffuse(gbuffer, volume, config.diffuse, prepared.scene)
         dr.eval(incident)
+    plan = prepared.plan
     specular = None
     if plan.has_specular or plan.has_passing:
         with clock("specular cones"):
@@ -207,7 +208,8 @@ def render_frame(
     sums = {name: dr.zeros(mi.Float, pixel_count * n) for name, n in CHANNELS.items()}
     pixel = dr.arange(mi.UInt32, pixel_count)
     for number in range(config.samples_per_pixel):
-        sample_index = dr.opaque(mi.UInt32, number + seed * SEED_STRIDE) * pixel_count + pixel
+        stream = dr.opaque(mi.UInt32, number + seed * SEED_STRIDE)
+        sample_index = mi.UInt32(mi.sample_tea_32(as_bits(pixel), as_bits(stream))[0])
         with clock("G-buffer"):
             ray = _camera_rays(prepared.sensor, pixel, sample_index, number)
             gbuffer = trace_gbuffer(
@@ -219,7 +221,7 @@ def render_frame(
                 has_passing=prepared.plan.has_passing,
             )
             dr.eval(gbuffer)
-        light = gather_light(gbuffer, volume, prepared.plan, config, clock)
+        light = gather_light(prepared, gbuffer, volume, config, clock)
         _accumulate(sums, gbuffer, light, pixel, config.samples_per_pixel)
     shaped = {name: mi.TensorXf(sums[name], (height, width, n)) for name, n in CHANNELS.items()}
     return Frame(**shaped)

@@ -26,6 +26,10 @@ _EYE_DISTANCE = 6.0
 """From the eye to the inner side of the front wall."""
 _NEAR_GAP = 0.05
 """From the inner side of the front wall to the near plane."""
+_LID_GAP = 0.01
+"""From the near plane to the lid on the cut."""
+_LID_SHARE = 0.999
+"""Width of the lid over that of the partition, so that no light can touch it."""
 _FOV_DEG = 31.0
 _EYE_X = 0.3
 """To the dark side, so that the partition's dark face is seen."""
@@ -77,6 +81,15 @@ def sealed_rooms(*, wall_thickness: float = 0.2, turn: float = 0.0) -> SceneDict
         white,
         world_from_model=turned,
     )
+    # The camera looks into the cut wall; a black lid keeps its hollow inside out of the picture.
+    scene["cut"] = {
+        "type": "rectangle",
+        "to_world": turned
+        @ mi.ScalarTransform4f()
+        .translate([0.0, _HEIGHT / 2, -_NEAR_GAP - _LID_GAP])
+        .scale([half * _LID_SHARE, _HEIGHT / 2, 1.0]),
+        "bsdf": diffuse(0.0, 0.0, 0.0),
+    }
     blue = diffuse(0.15, 0.3, 0.6)
     for name, x in (("block_lit", -1.1), ("block_dark", 1.5)):
         scene[name] = solid_box(

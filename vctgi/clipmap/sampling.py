@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from vctgi.clipmap.slots import BEHIND_NUDGE, surface_slot
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.directions import DIRECTION_COUNT, other_axes
 from vctgi.maths.stub_gaps import as_component
@@ -88,6 +89,61 @@ def read_medium(
         extinction = dr.fma(share, depth, extinction)
         source = dr.fma(share, emitted, source)
     return Medium(extinction, source)
+
+
+def read_surface(
+    volume: VoxelVolume,
+    level: mi.UInt32,
+    p_world: mi.Point3f,
+    normal: mi.Vector3f,
+    active: mi.Bool,
+) -> tuple[mi.Color3f, mi.Float]:
+    """Return the radiance that a surface point has in its own voxel, without interpolation.
+
+    Parameters
+    ----------
+    volume
+        Opacity and premultiplied emittance.
+    level
+        Level to read, one for each lane.
+    p_world
+        Points on surfaces, world units.
+    normal
+        Unit normals on the side that is looked at.
+    active
+        Lanes to read.
+
+    Returns
+    -------
+    tuple
+        Radiance, W m^-2 sr^-1, and the opacity of the slots that hold the surface, weighed by the
+        components of the normal; both 0 where no slot holds it or the window does not.
+    """
+    row = dr.gather(mi.Vector4i, volume.table.origins, level)
+    offset = dr.gather(mi.UInt32, volume.table.voxel_offsets, level)
+    bits = mi.UInt32(row.w)
+    resolution = mi.UInt32(1) << bits
+    per_voxel = 1.0 / (volume.layout.finest_voxel_size * dr.exp2(mi.Float(level)))
+    emitted = mi.Color3f(0.0)
+    opacity = mi.Float(0.0)
+    for axis in range(3):
+        slot = surface_slot(mi.Float(normal[axis]))
+        q = p_world * as_component(per_voxel)
+        q[axis] += as_component(mi.Float(slot.behind) * BEHIND_NUDGE)
+        voxel = mi.Vector3i(dr.floor(q))
+        is_held = mi.Bool(active)
+        address = mi.UInt32(0)
+        for i in range(3):
+            is_held &= mi.UInt32(voxel[i] - row[i]) < resolution
+            address += (mi.UInt32(voxel[i]) & (resolution - 1)) << (i * bits)
+        base = offset * DIRECTION_COUNT + ((2 * axis + slot.side) << (3 * bits))
+        texel = dr.gather(mi.Vector4f, volume.texels, base + address, is_held)
+        share = as_component(dr.abs(normal[axis]))
+        emitted = dr.fma(share, mi.Color3f(texel.x, texel.y, texel.z), emitted)
+        opacity = dr.fma(share, texel.w, opacity)
+    is_known = opacity > 0.0
+    radiance = emitted / as_component(dr.select(is_known, opacity, 1.0))
+    return dr.select(is_known, radiance, 0.0), opacity
 
 
 def _corners(q: mi.Point3f, row: mi.Vector4i) -> _Corners:

@@ -158,6 +158,9 @@ def _mesh_from_shape(shape: mi.Shape, name: str, *, is_in_scene: bool) -> ShapeM
             if shape.has_vertex_texcoords()
             else np.zeros((len(positions), 2))
         )
+        # Mitsuba keeps the winding of a mesh with flipped normals and turns the normals alone.
+        if shape.has_flipped_normals():
+            faces = faces[:, ::-1]
         return ShapeMesh(shape, name, positions, faces, uv, is_in_scene)
     if shape.class_name() not in ANALYTIC_SURFACES:
         return None

@@ -64,39 +64,19 @@ def trace_gbuffer(
     si = scene.ray_intersect(ray, int(mi.RayFlags.All), as_mask(False), as_mask(active))
     is_valid = si.is_valid()
     bsdf = si.bsdf(ray)
-    sample_count = config.lobe_sample_count if has_specular or has_passing else 1
-
-    diffuse = mi.Color3f(0.0)
-    specular = mi.Color3f(0.0)
-    moment = mi.Vector3f(0.0)
-    moment_weight = mi.Float(0.0)
-    for number in range(sample_count):
-        lobe = (number + random_unit(sample_index, 3 * number)) / sample_count
-        point = mi.Point2f(
-            random_unit(sample_index, 3 * number + 1), random_unit(sample_index, 3 * number + 2)
-        )
-        sample, raw = bsdf.sample(mi.BSDFContext(), si, as_component(lobe), point, is_valid)
-        is_used = is_valid & (sample.pdf > 0.0)
-        weight = dr.select(is_used, mi.Color3f(raw), 0.0) / sample_count
-        diffuse += dr.select(
-            mi.has_flag(sample.sampled_type, mi.BSDFFlags.DiffuseReflection), weight, 0.0
-        )
-        if has_specular:
-            is_glossy = mi.has_flag(
-                sample.sampled_type, mi.BSDFFlags.GlossyReflection
-            ) | mi.has_flag(sample.sampled_type, mi.BSDFFlags.DeltaReflection)
-            share = dr.select(is_glossy, weight, 0.0)
-            specular += share
-            brightness = dr.mean(share)
-            moment += brightness * sample.wo
-            moment_weight += brightness
+    is_mixed = is_valid & (bsdf.flags() & ~mi.UInt32(PLAIN_FLAGS) != 0)
+    lobes = _sample_lobes(si, bsdf, sample_index, 0, 1, mi.Bool(is_valid))
+    if has_specular or has_passing:
+        # Only points that are not plainly diffuse need more than one sample.
+        measured = _measure_lobes(si, bsdf, sample_index, config.lobe_sample_count, is_mixed)
+        lobes = dr.select(is_mixed, measured, lobes)
     passed = (
         dr.select(is_valid, mi.Color3f(bsdf.eval_null_transmission(si, is_valid)), 0.0)
         if has_passing
         else mi.Color3f(0.0)
     )
     normal = face_forward(mi.Vector3f(si.sh_frame.n), -ray.d)
-    axis, aperture = _cone_of_lobe(si, normal, ray.d, moment, moment_weight)
+    axis, aperture = _cone_of_lobe(si, normal, ray.d, lobes.moment, lobes.moment_weight)
     return GBuffer(
         sample_index=sample_index,
         is_valid=mi.Bool(is_valid),
@@ -104,12 +84,90 @@ def trace_gbuffer(
         normal=normal,
         ray_direction=ray.d,
         depth=mi.Float(dr.select(is_valid, si.t, 0.0)),
-        albedo=diffuse,
-        specular_albedo=specular,
+        albedo=lobes.diffuse,
+        specular_albedo=lobes.specular,
         specular_axis=axis,
         specular_aperture=aperture,
         passed=passed,
     )
+
+
+@dataclass
+class _Lobes:
+    """Sums over BSDF samples, each sample weighed by its albedo."""
+
+    diffuse: mi.Color3f
+    specular: mi.Color3f
+    moment: mi.Vector3f
+    moment_weight: mi.Float
+
+
+def _measure_lobes(
+    si: mi.SurfaceInteraction3f,
+    bsdf: mi.BSDFPtr,
+    sample_index: mi.UInt32,
+    sample_count: int,
+    active: mi.Bool,
+) -> _Lobes:
+    """Sum `sample_count` stratified samples of each BSDF, in a loop that is traced once."""
+    width = dr.width(sample_index)
+
+    def is_running(number: mi.UInt32, _lobes: _Lobes) -> mi.Bool:
+        return active & (number < sample_count)
+
+    def add_sample(number: mi.UInt32, lobes: _Lobes) -> tuple[mi.UInt32, _Lobes]:
+        sample = _sample_lobes(si, bsdf, sample_index, number, sample_count, active)
+        total = _Lobes(
+            lobes.diffuse + sample.diffuse,
+            lobes.specular + sample.specular,
+            lobes.moment + sample.moment,
+            lobes.moment_weight + sample.moment_weight,
+        )
+        return number + 1, total
+
+    start = dr.zeros(_Lobes, width)
+    _, lobes = dr.while_loop(
+        state=(dr.zeros(mi.UInt32, width), start),
+        cond=is_running,
+        body=add_sample,
+        labels=("number", "lobes"),
+        label="measure_lobes",
+    )
+    return lobes
+
+
+def _sample_lobes(
+    si: mi.SurfaceInteraction3f,
+    bsdf: mi.BSDFPtr,
+    sample_index: mi.UInt32,
+    number: int | mi.UInt32,
+    sample_count: int,
+    active: mi.Bool,
+) -> _Lobes:
+    """Take one of `sample_count` samples and sort it by the lobe that it took."""
+    stream = 3 * mi.UInt32(number)
+    lobe = (mi.Float(number) + random_unit(sample_index, stream)) / sample_count
+    point = mi.Point2f(random_unit(sample_index, stream + 1), random_unit(sample_index, stream + 2))
+    sample, raw = bsdf.sample(mi.BSDFContext(), si, as_component(lobe), point, as_mask(active))
+    is_used = active & (sample.pdf > 0.0)
+    weight = dr.select(is_used, mi.Color3f(raw), 0.0) / sample_count
+    is_diffuse = mi.has_flag(sample.sampled_type, mi.BSDFFlags.DiffuseReflection)
+    is_glossy = mi.has_flag(sample.sampled_type, mi.BSDFFlags.GlossyReflection) | mi.has_flag(
+        sample.sampled_type, mi.BSDFFlags.DeltaReflection
+    )
+    specular = dr.select(is_glossy, weight, 0.0)
+    brightness = dr.mean(specular)
+    return _Lobes(
+        diffuse=dr.select(is_diffuse, weight, 0.0),
+        specular=specular,
+        moment=brightness * sample.wo,
+        moment_weight=mi.Float(brightness),
+    )
+
+
+PLAIN_FLAGS = 0x2 | 0x1000 | 0x2000 | 0x4000 | 0x8000 | 0x10000
+"""Flags that a plainly diffuse BSDF may have: diffuse reflection, and those that are no lobe
+(anisotropic, spatially varying, non-symmetric, front side, back side)."""
 
 
 def _cone_of_lobe(

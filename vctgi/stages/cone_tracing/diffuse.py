@@ -13,6 +13,7 @@ from vctgi.maths.cones import RINGS, ConeSet, ratio_from_aperture, ring_cone_set
 from vctgi.maths.directions import random_unit
 from vctgi.scene.records import GBuffer
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, march_cone
+from vctgi.stages.cone_tracing.near_field import trace_near_field
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,6 +26,8 @@ class DiffuseConesConfig:
     """Factor on the apertures that cover the hemisphere once, > 0."""
     is_rotated: bool = True
     """Whether each pixel turns its cones about the normal by an angle of its own."""
+    near_field_voxels: float = 0.0
+    """Length of the real ray that replaces the beginning of a cone, in voxels, >= 0; 0: none."""
     march: ConeMarchConfig = field(default_factory=ConeMarchConfig)
     """How the cones march."""
 
@@ -39,9 +42,18 @@ class DiffuseConesConfig:
             raise ValueError(
                 f"DiffuseConesConfig.aperture_scale must be > 0, got {self.aperture_scale}."
             )
+        if self.near_field_voxels < 0.0:
+            raise ValueError(
+                f"DiffuseConesConfig.near_field_voxels must be >= 0, got {self.near_field_voxels}."
+            )
 
 
-def trace_diffuse(gbuffer: GBuffer, volume: VoxelVolume, config: DiffuseConesConfig) -> mi.Color3f:
+def trace_diffuse(
+    gbuffer: GBuffer,
+    volume: VoxelVolume,
+    config: DiffuseConesConfig,
+    scene: mi.Scene | None = None,
+) -> mi.Color3f:
     """Gather indirect diffuse light.
 
     Parameters
@@ -52,6 +64,8 @@ def trace_diffuse(gbuffer: GBuffer, volume: VoxelVolume, config: DiffuseConesCon
         Lit voxels.
     config
         Cone set and march.
+    scene
+        Geometry, which only the near field needs.
 
     Returns
     -------
@@ -63,18 +77,22 @@ def trace_diffuse(gbuffer: GBuffer, volume: VoxelVolume, config: DiffuseConesCon
     points = dr.width(gbuffer.position)
     block = max(1, MAX_CONES_PER_PASS // cones.cone_count)
     if points <= block:
-        return _trace_block(gbuffer, volume, cones, config)
+        return _trace_block(gbuffer, volume, cones, config, scene)
     gathered = dr.zeros(mi.Color3f, points)
     for begin in range(0, points, block):
         index = dr.arange(mi.UInt32, min(block, points - begin)) + begin
         part = dr.gather(GBuffer, gbuffer, index)
-        dr.scatter(gathered, _trace_block(part, volume, cones, config), index)
+        dr.scatter(gathered, _trace_block(part, volume, cones, config, scene), index)
         dr.eval(gathered)
     return gathered
 
 
 def _trace_block(
-    gbuffer: GBuffer, volume: VoxelVolume, cones: ConeSet, config: DiffuseConesConfig
+    gbuffer: GBuffer,
+    volume: VoxelVolume,
+    cones: ConeSet,
+    config: DiffuseConesConfig,
+    scene: mi.Scene | None,
 ) -> mi.Color3f:
     """Gather the light of as many points as fit one pass."""
     points = dr.width(gbuffer.position)
@@ -101,13 +119,20 @@ def _trace_block(
     active = dr.gather(mi.Bool, is_reflecting, point)
     # All cones of a picture would otherwise sample the voxels at the same distances.
     phase = 1.0 - random_unit(sample_index, PHASE_STREAM + cone)
-    traced = march_cone(volume, apex, axis, ratio, phase, config.march, active)
-    dr.eval(traced.radiance)
+    if config.near_field_voxels > 0.0:
+        assert scene is not None, "the near field traces real rays, so it needs the scene"
+        near = trace_near_field(scene, volume, apex, normal, axis, config.near_field_voxels, active)
+        active &= ~near.is_hit
+        traced = march_cone(volume, apex, axis, ratio, phase, config.march, active, near.reach)
+        radiance = dr.select(near.is_hit, near.radiance, traced.radiance)
+    else:
+        radiance = march_cone(volume, apex, axis, ratio, phase, config.march, active).radiance
+    dr.eval(radiance)
 
     gathered = mi.Color3f(0.0)
     first = dr.arange(mi.UInt32, points)
     for number, weight in enumerate(cones.weights):
-        gathered += weight * dr.gather(mi.Color3f, traced.radiance, first + number * points)
+        gathered += weight * dr.gather(mi.Color3f, radiance, first + number * points)
     return gathered
 
 

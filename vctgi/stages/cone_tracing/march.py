@@ -92,6 +92,7 @@ def march_cone(
     phase: mi.Float,
     config: ConeMarchConfig,
     active: mi.Bool,
+    t_near: mi.Float | float = 0.0,
 ) -> ConeSample:
     """March one cone per lane through the clipmap.
 
@@ -111,6 +112,8 @@ def march_cone(
         Step, offset and level rules.
     active
         Lanes that march; the others return nothing seen and everything let through.
+    t_near
+        Distance before which the cone is not marched, because real rays saw to it, world units.
 
     References
     ----------
@@ -123,7 +126,8 @@ def march_cone(
     t_begin, t_end = _march_range(layout, apex, axis, cone_ratio)
     start = config.start_offset_voxels * layout.finest_voxel_size
     next_float: float = 1.0 + dr.epsilon(mi.Float)  # type: ignore[no-untyped-call]
-    t = dr.maximum(t_begin, start * dr.exp2(finest_level(layout, apex))) + full
+    t_start = dr.maximum(start * dr.exp2(finest_level(layout, apex)), t_near)
+    t = dr.maximum(t_begin, t_start) + full
 
     def is_running(
         t: mi.Float,
