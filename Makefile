@@ -39,8 +39,10 @@ format: setup  ## rewrite the files as ruff wants them
 	@$(VENV)/ruff format .
 	@$(VENV)/ruff check --fix .
 
-gate: setup  ## check the two gate scenes against gates.toml
-	@$(VENV)/vctgi gate
+gate: setup  ## check two small scenes against tests/gates
+	@mkdir -p build/gate
+	@$(VENV)/vctgi gate tests/gates/gates.toml --mutants --output build/gate --junit build/gate/junit.xml \
+		--markdown build/gate/summary.md
 
 clean:  ## remove what the commands made; keep .venv and the references outside build
 	@rm -rf build out .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

@@ -94,7 +94,11 @@ def _direct_light(loaded: LoadedScene, spp: int, seed: int) -> np.ndarray:
 
     integrator = mi.load_dict({"type": "direct"})
     image = mi.render(
-        loaded.scene, sensor=loaded.sensor_index, integrator=integrator, spp=spp, seed=mi.UInt32(seed)
+        loaded.scene,
+        sensor=loaded.sensor_index,
+        integrator=integrator,
+        spp=spp,
+        seed=mi.UInt32(seed),
     )
     return np.array(image)[..., :3]
 

@@ -31,7 +31,7 @@ from reports.record import (
 )
 from vctgi.config import RenderConfig
 from vctgi.pipeline import LitVolume, PreparedScene
-from vctgi.scene.lights import KNOWN_KINDS
+from vctgi.scene.lights import CAVEATS, KNOWN_KINDS, UNCOMPARED
 
 NOTABLE_LOSS = 0.02
 """Share of injected flux whose loss is worth a warning."""
@@ -158,7 +158,7 @@ def _unsupported(prepared: PreparedScene) -> list[str]:
     )
     found += sorted(
         {
-            f"emitter {light.kind}: sampled as Mitsuba does, never compared with the path tracer"
+            f"emitter {light.kind}: {CAVEATS.get(light.kind, UNCOMPARED)}"
             for light in prepared.plan.lights
             if light.kind not in KNOWN_KINDS
         }

@@ -10,15 +10,23 @@ KNOWN_KINDS = {
     "PointLight",
     "SpotLight",
     "DirectionalEmitter",
-    "DirectionalArea",
     "Projector",
     "AreaLight",
     "ConstantBackgroundEmitter",
     "EnvironmentMapEmitter",
     "SunskyEmitter",
-    "TimedSunskyEmitter",
 }
 """Mitsuba classes whose light has been compared with the path tracer."""
+
+CAVEATS = {
+    "DirectionalArea": "lights the voxels, but no shadow ray of Mitsuba finds it, so the reference "
+    "lacks its direct light and what comes of it",
+    "TimedSunskyEmitter": "Mitsuba's own path tracer cannot render it on this back end",
+}
+"""Mitsuba classes whose light the two methods cannot agree on, and why."""
+
+UNCOMPARED = "sampled as Mitsuba does, never compared with the path tracer"
+"""What is said of every class that stands in neither list."""
 
 
 @dataclass

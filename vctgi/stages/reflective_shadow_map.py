@@ -16,6 +16,7 @@ import mitsuba as mi
 import numpy as np
 
 from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
+from vctgi.errors import SceneError
 from vctgi.maths.directions import face_forward, kronecker_points, random_unit
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.lights import Light
@@ -70,7 +71,13 @@ def render_reflective_shadow_maps(
     Returns
     -------
     list of ReflectiveShadowMap
-        One for each finite light, one for each clip level and infinite light.
+        One for each finite light, one for each clip level and infinite light; none for a light
+        that reaches nothing.
+
+    Raises
+    ------
+    SceneError
+        A light whose power is negative, infinite or NaN.
 
     References
     ----------
@@ -80,13 +87,16 @@ def render_reflective_shadow_maps(
     edge = _map_edge(layout, config, map_count)
     maps = []
     for light in lights:
-        if light.is_infinite:
-            for level in layout.clip_levels:
+        targets = layout.clip_levels if light.is_infinite else (None,)
+        for level in targets:
+            if level is None:
+                ray, flux = _rays_from_lamp(light, edge)
+            else:
                 ray, flux = _rays_from_outside(scene, light, level, edge)
-                maps.append(_land(scene, ray, flux, light.name, level.level))
-        else:
-            ray, flux = _rays_from_lamp(light, edge)
-            maps.append(_land(scene, ray, flux, light.name, None))
+            _require_power(flux, light.name)
+            landed = _land(scene, ray, flux, light.name, None if level is None else level.level)
+            if landed is not None:
+                maps.append(landed)
     return maps
 
 
@@ -153,15 +163,26 @@ def _rays_from_outside(
     return mi.Ray3f(origin, -towards_light), mi.Color3f(irradiance) * (area / (edge * edge))
 
 
+def _require_power(flux: mi.Color3f, name: str) -> None:
+    """Refuse a light whose power is no power."""
+    is_power = (flux >= 0.0) & dr.isfinite(flux)
+    if not bool(dr.all(is_power, axis=None)):
+        raise SceneError(
+            "its power is negative, infinite or NaN", f"emitter '{name}'", "correct its radiance"
+        )
+
+
 def _land(
     scene: mi.Scene, ray: mi.Ray3f, flux: mi.Color3f, name: str, level: int | None
-) -> ReflectiveShadowMap:
-    """Find what rays hit and how much of their power the surface reflects."""
+) -> ReflectiveShadowMap | None:
+    """Find what rays hit and how much of their power the surface reflects; None if all miss."""
     is_lit = dr.max(flux) > 0.0
     # First only which rays hit, then the surface of those.
     found = scene.ray_intersect_preliminary(ray, as_mask(True), is_lit)
     dr.eval(found, ray, flux)
     hit = mi.UInt32(dr.compress(found.is_valid() & is_lit))
+    if dr.width(hit) == 0:
+        return None
     ray = dr.gather(mi.Ray3f, ray, hit)
     flux = dr.gather(mi.Color3f, flux, hit)
     si = dr.gather(type(found), found, hit).compute_surface_interaction(ray)
