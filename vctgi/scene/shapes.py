@@ -221,6 +221,10 @@ def _tessellated(shape: mi.Shape, name: str) -> ShapeMesh:
     edges = positions[faces]
     area = np.linalg.norm(np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]), axis=1)
     faces = faces[area > POLE_AREA]
+    # Mitsuba takes a cylinder's normal from its tangents in world space, so that a mirroring turns
+    # it inwards; undone by turning the faces once more before `_moved` does.
+    if shape.class_name() == "Cylinder" and np.linalg.det(to_world[:3, :3]) < 0.0:
+        faces = faces[:, ::-1]
     return _moved(ShapeMesh(shape, name, positions, faces, uv, is_in_scene=False), to_world)
 
 

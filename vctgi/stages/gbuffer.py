@@ -1,9 +1,10 @@
 """The G-buffer: what camera rays meet first, and which lobes it reflects with.
 
 Lobes are measured on the BSDF itself by sampling it, which works for every BSDF that Mitsuba has.
-The diffuse albedo is the mean weight of the samples that a diffuse lobe took. Of the glossy and
-mirror samples the mean direction gives the axis of a cone, and the length of that mean its aperture
-(moment matching, `vctgi.maths.cones.aperture_from_mean_cosine`).
+A sample's weight holds the light of all lobes, so it is shared out by their values at the sampled
+direction. The diffuse shares make the diffuse albedo; of the others the mean direction gives the
+axis of a cone, and the length of that mean its aperture (moment matching,
+`vctgi.maths.cones.aperture_from_mean_cosine`).
 """
 
 from __future__ import annotations
@@ -151,19 +152,48 @@ def _sample_lobes(
     sample, raw = bsdf.sample(mi.BSDFContext(), si, as_component(lobe), point, as_mask(active))
     is_used = active & (sample.pdf > 0.0)
     weight = dr.select(is_used, mi.Color3f(raw), 0.0) / sample_count
-    is_diffuse = mi.has_flag(sample.sampled_type, mi.BSDFFlags.DiffuseReflection)
-    is_glossy = mi.has_flag(sample.sampled_type, mi.BSDFFlags.GlossyReflection) | mi.has_flag(
-        sample.sampled_type, mi.BSDFFlags.DeltaReflection
-    )
-    specular = dr.select(is_glossy, weight, 0.0)
+    is_reflection = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Reflection)
+    weight = dr.select(is_reflection, weight, 0.0)
+    diffuse = weight * _diffuse_share(si, bsdf, sample, active)
+    specular = weight - diffuse
     brightness = dr.mean(specular)
     return _Lobes(
-        diffuse=dr.select(is_diffuse, weight, 0.0),
+        diffuse=diffuse,
         specular=specular,
         moment=brightness * sample.wo,
         moment_weight=mi.Float(brightness),
     )
 
+
+def _diffuse_share(
+    si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, sample: mi.BSDFSample3f, active: mi.Bool
+) -> mi.Color3f:
+    """Share of a sample's light that diffuse lobes reflect, by the lobes' values.
+
+    Some BSDFs (`principled`, `mask`) do not heed a request for single lobes: where the parts do not
+    add up to the whole, the lobe that was sampled takes all. The reference splits alike.
+    """
+    diffuse_only, others_only = mi.BSDFContext(), mi.BSDFContext()
+    diffuse_only.type_mask = int(mi.BSDFFlags.Diffuse)
+    others_only.type_mask = int(mi.BSDFFlags.All) & ~int(mi.BSDFFlags.Diffuse)
+    whole, diffuse, others = (
+        mi.Color3f(bsdf.eval(context, si, sample.wo, as_mask(active)))
+        for context in (mi.BSDFContext(), diffuse_only, others_only)
+    )
+    is_split = dr.all(dr.abs(diffuse + others - whole) <= SPLIT_TOLERANCE * whole)
+    is_split &= dr.max(whole) > 0.0
+    drawn_diffuse = mi.has_flag(sample.sampled_type, mi.BSDFFlags.DiffuseReflection)
+    drawn = dr.select(drawn_diffuse, mi.Color3f(1.0), mi.Color3f(0.0))
+    # Rounding alone takes the quotient above one.
+    by_value = dr.minimum(diffuse / dr.select(whole > 0.0, whole, 1.0), 1.0)
+    share = dr.select(is_split, by_value, drawn)
+    # A mirror has no value to compare with: all that it reflects is not diffuse.
+    is_smooth = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Smooth)
+    return dr.select(is_smooth, share, 0.0)
+
+
+SPLIT_TOLERANCE = 1e-4
+"""Relative excess of the sum of single lobes over the whole that is rounding."""
 
 PLAIN_FLAGS = 0x2 | 0x1000 | 0x2000 | 0x4000 | 0x8000 | 0x10000
 """Flags that a plainly diffuse BSDF may have: diffuse reflection, and those that are no lobe
