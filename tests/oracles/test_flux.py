@@ -23,6 +23,7 @@ from tests.vctgi.small_scenes import (
 )
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
 from vctgi.clipmap.slots import SLOPED_BELOW
+from vctgi.errors import SceneError
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.scene.lights import KNOWN_KINDS, list_lights
 from vctgi.scene.records import ReflectiveShadowMap
@@ -326,3 +327,21 @@ def test_light_that_finds_no_opacity_is_counted_as_lost() -> None:
     lit = inject_light(maps, opacity_of(where, [np.zeros(shape) for shape in shapes]))
     assert lit.lost_flux_share == [1.0]
     assert not np.array(lit.levels[0]).any()
+
+
+@pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])
+def test_light_without_a_power_is_refused_by_name(value: float) -> None:
+    scene = load(bulb=finite_lights()["point"][0], **room())
+    parameters = mi.traverse(scene)
+    parameters["bulb.intensity.value"] = mi.Color3f(value)
+    parameters.update()
+    with pytest.raises(SceneError, match=r"negative, infinite or NaN.*bulb"):
+        shadow_maps(scene)
+
+
+def test_light_that_reaches_nothing_has_no_map() -> None:
+    ball_only = load(light=finite_lights()["rectangle"][0], ball=ball())
+    assert len(shadow_maps(ball_only)) == 1
+    up = mi.ScalarTransform4f().translate([0.0, 3.0, 0.0]).rotate([1, 0, 0], -90)
+    away = load(light=lamp({"type": "rectangle", "to_world": up}), ball=ball())
+    assert shadow_maps(away) == []

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.vctgi.hand_made_volumes import surfaces_of
-from tests.vctgi.small_scenes import oblique, rotation_matrix
+from tests.vctgi.small_scenes import SceneDict, load, oblique, rotation_matrix
 from tests.vctgi.surface_points import surface_points
 from vctgi.clipmap.levels import lay_out_clipmap
 from vctgi.clipmap.storage import VoxelVolume, interleave
@@ -75,6 +75,13 @@ class Square:
         )
         return np.array([[a, b, c], [a, c, d]])
 
+    def shape(self, shift: np.ndarray) -> SceneDict:
+        """As a Mitsuba rectangle, which spans -1 to 1."""
+        matrix = np.eye(4)
+        matrix[:3, 0], matrix[:3, 1], matrix[:3, 2] = 0.5 * self.u, 0.5 * self.v, self.normal
+        matrix[:3, 3] = self.corner + 0.5 * (self.u + self.v) + shift
+        return {"type": "rectangle", "to_world": mi.ScalarTransform4f(matrix.tolist())}
+
     def points(self, edge: int) -> np.ndarray:
         step = (np.arange(edge) + 0.5) / edge
         s, t = (each.ravel()[:, None] for each in np.meshgrid(step, step))
@@ -114,7 +121,10 @@ def received(
     volume = lit_volume(emitter, receiver, phase)
     points = receiver.points(EDGE_POINTS) + np.array(phase) * volume.layout.finest_voxel_size
     normals = np.tile(receiver.normal, (len(points), 1))
-    found = trace_diffuse(surface_points(points, normals), volume, PRESETS[preset].diffuse)
+    shift = np.array(phase) * volume.layout.finest_voxel_size
+    scene = load(emitter=emitter.shape(shift), receiver=receiver.shape(shift))
+    gbuffer = surface_points(points, normals)
+    found = trace_diffuse(gbuffer, volume, PRESETS[preset].diffuse, scene)
     return float(np.array(found)[0].mean()) / RADIANCE
 
 
@@ -159,5 +169,7 @@ def test_light_does_not_go_backwards() -> None:
     volume = lit_volume(emitter, receiver, PHASES[0])
     # Behind the receiver, facing it from the other side: one-sided surfaces are not seen there,
     # and facing away from both there is nothing at all.
-    away = trace_diffuse(surface_points(above, -normals), volume, PRESETS["high"].diffuse)
+    scene = load(emitter=emitter.shape(np.zeros(3)), receiver=receiver.shape(np.zeros(3)))
+    gbuffer = surface_points(above, -normals)
+    away = trace_diffuse(gbuffer, volume, PRESETS["high"].diffuse, scene)
     assert not np.array(away).any()
