@@ -17,7 +17,7 @@ import mitsuba as mi
 from vctgi.clipmap.storage import VoxelVolume, interleave
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
-from vctgi.maths.directions import kronecker_points, random_unit
+from vctgi.maths.directions import TEA_ROUNDS, kronecker_points, random_unit
 from vctgi.maths.stub_gaps import as_bits, as_component
 from vctgi.plan import Plan, plan_render
 from vctgi.scene.lights import list_lights
@@ -209,7 +209,7 @@ def render_frame(
     pixel = dr.arange(mi.UInt32, pixel_count)
     for number in range(config.samples_per_pixel):
         stream = dr.opaque(mi.UInt32, number + seed * SEED_STRIDE)
-        sample_index = mi.UInt32(mi.sample_tea_32(as_bits(pixel), as_bits(stream))[0])
+        sample_index = mi.UInt32(mi.sample_tea_32(as_bits(pixel), as_bits(stream), TEA_ROUNDS)[0])
         with clock("G-buffer"):
             ray = _camera_rays(prepared.sensor, pixel, sample_index, number)
             gbuffer = trace_gbuffer(

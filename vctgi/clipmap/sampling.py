@@ -45,10 +45,15 @@ class Medium:
 
 @dataclass
 class _Corners:
-    """The 2^3 voxels around a point: for each axis two weights, and eight addresses."""
+    """The 2^3 voxels around a point: for each axis two weights and two parts of an address."""
 
     weights: list[tuple[mi.Float, mi.Float]]
-    address: list[list[list[mi.UInt32]]]  # [x][y][z]
+    parts: list[tuple[mi.UInt32, mi.UInt32]]  # what each axis adds to the address
+
+    def address(self, steps: list[int]) -> mi.UInt32:
+        """Address within a slot of the voxel at steps 0 or 1 along x, y, z."""
+        x, y, z = (self.parts[axis][steps[axis]] for axis in range(3))
+        return x + y + z
 
 
 def read_medium(
@@ -98,7 +103,7 @@ def read_surface(
     normal: mi.Vector3f,
     active: mi.Bool,
 ) -> tuple[mi.Color3f, mi.Float]:
-    """Return the radiance that a surface point has in its own voxel, without interpolation.
+    """Return the radiance that a surface point has in its own layer of voxels.
 
     Parameters
     ----------
@@ -118,30 +123,38 @@ def read_surface(
     tuple
         Radiance, W m^-2 sr^-1, and the opacity of the slots that hold the surface, weighed by the
         components of the normal; both 0 where no slot holds it or the window does not.
+
+    Notes
+    -----
+    Emittance and opacity are interpolated bilinearly across each axis and divided at the end, so
+    that voxels which a surface hardly touches hardly count. Along the axis there is no
+    interpolation: the layer is the one that the surface itself was written to.
     """
     row = dr.gather(mi.Vector4i, volume.table.origins, level)
     offset = dr.gather(mi.UInt32, volume.table.voxel_offsets, level)
     bits = mi.UInt32(row.w)
-    resolution = mi.UInt32(1) << bits
     per_voxel = 1.0 / (volume.layout.finest_voxel_size * dr.exp2(mi.Float(level)))
-    emitted = mi.Color3f(0.0)
-    opacity = mi.Float(0.0)
+    q = p_world * as_component(per_voxel)
+    across = _corners(q - 0.5, row)
+    total = mi.Vector4f(0.0)
     for axis in range(3):
+        u, v = other_axes(axis)
         slot = surface_slot(mi.Float(normal[axis]))
-        q = p_world * as_component(per_voxel)
-        q[axis] += as_component(mi.Float(slot.behind) * BEHIND_NUDGE)
-        voxel = mi.Vector3i(dr.floor(q))
-        is_held = mi.Bool(active)
-        address = mi.UInt32(0)
-        for i in range(3):
-            is_held &= mi.UInt32(voxel[i] - row[i]) < resolution
-            address += (mi.UInt32(voxel[i]) & (resolution - 1)) << (i * bits)
-        base = offset * DIRECTION_COUNT + ((2 * axis + slot.side) << (3 * bits))
-        texel = dr.gather(mi.Vector4f, volume.texels, base + address, is_held)
-        share = as_component(dr.abs(normal[axis]))
-        emitted = dr.fma(share, mi.Color3f(texel.x, texel.y, texel.z), emitted)
-        opacity = dr.fma(share, texel.w, opacity)
+        layer = mi.Int32(dr.floor(q[axis] + as_component(mi.Float(slot.behind) * BEHIND_NUDGE)))
+        resolution = mi.UInt32(1) << bits
+        is_held = active & (mi.UInt32(layer - row[axis]) < resolution)
+        stored = (mi.UInt32(layer) & (resolution - 1)) << (axis * bits)
+        base = offset * DIRECTION_COUNT + ((2 * axis + slot.side) << (3 * bits)) + stored
+        share = mi.Float(dr.abs(normal[axis]))
+        for step_u in range(2):
+            for step_v in range(2):
+                weight = share * across.weights[u][step_u] * across.weights[v][step_v]
+                address = base + across.parts[u][step_u] + across.parts[v][step_v]
+                texel = dr.gather(mi.Vector4f, volume.texels, address, is_held)
+                total = dr.fma(as_component(weight), texel, total)
+    opacity = mi.Float(total.w)
     is_known = opacity > 0.0
+    emitted = mi.Color3f(total.x, total.y, total.z)
     radiance = emitted / as_component(dr.select(is_known, opacity, 1.0))
     return dr.select(is_known, radiance, 0.0), opacity
 
@@ -164,11 +177,7 @@ def _corners(q: mi.Point3f, row: mi.Vector4i) -> _Corners:
             pair.append((dr.select(is_held, weight, 0.0), stored << (axis * mi.UInt32(row.w))))
         weights.append((pair[0][0], pair[1][0]))
         parts.append((pair[0][1], pair[1][1]))
-    address = [
-        [[parts[0][x] + parts[1][y] + parts[2][z] for z in range(2)] for y in range(2)]
-        for x in range(2)
-    ]
-    return _Corners(weights, address)
+    return _Corners(weights, parts)
 
 
 def _read_axis(
@@ -184,7 +193,7 @@ def _read_axis(
             for step_v in range(2):
                 steps = [0, 0, 0]
                 steps[axis], steps[u], steps[v] = along, step_u, step_v
-                address = base + corners.address[steps[0]][steps[1]][steps[2]]
+                address = base + corners.address(steps)
                 weight = corners.weights[u][step_u] * corners.weights[v][step_v]
                 texel = dr.fma(as_component(weight), dr.gather(mi.Vector4f, texels, address), texel)
         layer_weight = corners.weights[axis][along]

@@ -30,9 +30,9 @@ GRAZING_COSINE = 1e-4
 class ReflectiveShadowMapConfig:
     """Resolution of the maps."""
 
-    texels_per_voxel: float = 4.0
+    texels_per_voxel: float = 8.0
     """Texels along an edge of the map for each voxel along an edge of a level, > 0."""
-    max_texel_count: int = 1 << 24
+    max_texel_count: int = 1 << 22
     """Texels of all maps together; more lights than that allows get smaller maps."""
 
     def __post_init__(self) -> None:
