@@ -1,4 +1,4 @@
-"""Oracle 8: injected flux is RSM flux, and RSM flux is the emitter power that hits the scene."""
+"""Oracle 8, first half: RSM flux is the power of the emitter that hits the scene."""
 
 from __future__ import annotations
 
@@ -10,28 +10,18 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from tests.vctgi.hand_made_volumes import opacity_of
-from tests.vctgi.small_scenes import (
-    SceneDict,
-    area_light,
-    color,
-    diffuse,
-    grey,
-    load,
-    oblique,
-    room,
+from tests.oracles.lights import (
+    FIXED_POINT,
+    LIGHT_NAMES,
+    ball,
+    finite_lights,
+    lamp,
+    shadow_maps,
+    total,
 )
-from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
-from vctgi.clipmap.slots import SLOPED_BELOW
+from tests.vctgi.small_scenes import SceneDict, color, grey, load, oblique, room
 from vctgi.errors import SceneError
-from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.scene.lights import KNOWN_KINDS, list_lights
-from vctgi.scene.records import ReflectiveShadowMap
-from vctgi.stages.light_injection import inject_light
-from vctgi.stages.reflective_shadow_map import (
-    ReflectiveShadowMapConfig,
-    render_reflective_shadow_maps,
-)
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -47,100 +37,9 @@ SILHOUETTE = 0.01
 MONTE_CARLO = 0.015
 """Relative, four standard errors of the comparison with 2^20 points of direct light."""
 
-FIXED_POINT = 1e-5
-"""Relative. Single-precision texel values; the sums themselves are exact to 2^-60."""
-
-
-def layout() -> ClipmapLayout:
-    return lay_out_clipmap((0.0, 0.0, 0.0), finest_voxel_size=0.06, level_count=1, resolution=64)
-
-
-def shadow_maps(scene: mi.Scene) -> list[ReflectiveShadowMap]:
-    return render_reflective_shadow_maps(
-        scene, list_lights(scene), layout(), ReflectiveShadowMapConfig()
-    )
-
-
-def total(flux: mi.Color3f) -> np.ndarray:
-    """Sum [channel] in double precision."""
-    sums: np.ndarray = np.array(flux, dtype=np.float64).sum(axis=1)
-    return sums
-
 
 def incident(scene: mi.Scene) -> float:
     return float(sum(total(m.incident_flux)[1] for m in shadow_maps(scene)))
-
-
-def spot_power(intensity: float, cutoff: float, beam: float) -> float:
-    """Power of Mitsuba's spot: constant within the beam, linear in the angle to the cutoff."""
-    outer, inner = math.radians(cutoff), math.radians(beam)
-    angle = (np.arange(100_000) + 0.5) * outer / 100_000
-    falloff = np.where(angle <= inner, 1.0, (outer - angle) / (outer - inner))
-    return float(intensity * 2.0 * math.pi * np.mean(falloff * np.sin(angle)) * outer)
-
-
-def lamp(shape: SceneDict) -> SceneDict:
-    return {**shape, "emitter": area_light(2.0)}
-
-
-def finite_lights() -> dict[str, tuple[SceneDict, float]]:
-    """Lamps inside a room, with their power in W."""
-    place = mi.ScalarTransform4f
-    down = place().translate([0.0, 0.9, 0.0]).rotate([1, 0, 0], 90)
-    small = place().rotate([0, 1, 0], 20).scale(0.2)
-    aimed = place().look_at([0.1, 0.5, 0.0], [0.3, -1.0, 0.1], [0, 0, 1])
-    lambert = 2.0 * math.pi
-    ball_mesh = 6.0 * 0.4**2
-    return {
-        "point": (
-            {"type": "point", "position": [0.2, 0.1, -0.3], "intensity": grey(3.0)},
-            3.0 * 4.0 * math.pi,
-        ),
-        "spot": (
-            {
-                "type": "spot",
-                "to_world": aimed,
-                "intensity": grey(3.0),
-                "cutoff_angle": 25.0,
-                "beam_width": 15.0,
-            },
-            spot_power(3.0, 25.0, 15.0),
-        ),
-        "rectangle": (
-            lamp({"type": "rectangle", "to_world": down.scale([0.3, 0.2, 1.0])}),
-            lambert * 0.24,
-        ),
-        "disk": (lamp({"type": "disk", "to_world": down.scale(0.3)}), lambert * math.pi * 0.09),
-        "sphere": (
-            lamp({"type": "sphere", "center": [0.1, 0.2, 0.0], "radius": 0.25}),
-            lambert * 4.0 * math.pi * 0.25**2,
-        ),
-        "cylinder": (
-            lamp({"type": "cylinder", "p0": [0, -0.3, 0], "p1": [0, 0.3, 0], "radius": 0.2}),
-            lambert * 2.0 * math.pi * 0.2 * 0.6,
-        ),
-        "mesh": (lamp({"type": "cube", "to_world": small}), lambert * ball_mesh),
-        "directional area": (
-            {
-                "type": "rectangle",
-                "to_world": down.scale([0.3, 0.2, 1.0]),
-                "emitter": {"type": "directionalarea", "radiance": grey(2.0)},
-            },
-            2.0 * 0.24,
-        ),
-    }
-
-
-LIGHT_NAMES = [
-    "point",
-    "spot",
-    "rectangle",
-    "disk",
-    "sphere",
-    "cylinder",
-    "mesh",
-    "directional area",
-]
 
 
 @pytest.mark.parametrize("name", LIGHT_NAMES)
@@ -157,11 +56,6 @@ def test_every_kind_that_is_called_known_is_compared_with_direct_light_here() ->
     found = {light.kind for scene in scenes for light in list_lights(scene)}
     # Mitsuba 3.9.1 cannot connect a point to a timed sun and sky in a JIT variant.
     assert found >= KNOWN_KINDS - {"TimedSunskyEmitter"}
-
-
-def ball() -> SceneDict:
-    # Off the middle of the map's texels, so that its outline does not run along them.
-    return {"type": "sphere", "center": [0.1, -0.2, 0.05], "radius": 0.6, "bsdf": diffuse(0.5)}
 
 
 def bitmap(values: np.ndarray) -> mi.Bitmap:
@@ -277,56 +171,6 @@ def test_back_of_a_one_sided_surface_reflects_nothing() -> None:
     (unlit,) = shadow_maps(load(light=finite_lights()["point"][0], **turned_out))
     assert total(lit.reflected_flux).min() > 0.0
     assert total(unlit.reflected_flux).max() == 0.0
-
-
-def injected_flux(maps: list[ReflectiveShadowMap]) -> tuple[np.ndarray, float]:
-    """Radiance times face over all slots [channel], in W, and the share that was lost."""
-    where = layout()
-    shapes = [(DIRECTION_COUNT,) + (level.resolution,) * 3 for level in where.levels]
-    everywhere = opacity_of(where, [np.ones(shape) for shape in shapes])
-    lit = inject_light(maps, everywhere)
-    face = where.finest_voxel_size**2
-    return math.pi * face * total(lit.levels[0]), lit.lost_flux_share[0]
-
-
-@pytest.mark.parametrize("name", ["point", "rectangle", "sphere"])
-def test_injected_flux_is_rsm_flux_on_walls_along_the_axes(name: str) -> None:
-    maps = shadow_maps(load(light=finite_lights()[name][0], **room()))
-    found, lost = injected_flux(maps)
-    # A wall across one axis fills one slot of a voxel.
-    np.testing.assert_allclose(found, sum(total(m.reflected_flux) for m in maps), rtol=FIXED_POINT)
-    assert lost == 0.0
-
-
-@pytest.mark.parametrize("name", ["point", "sphere"])
-def test_injected_flux_is_projected_rsm_flux_on_slanted_walls(name: str) -> None:
-    maps = shadow_maps(load(light=finite_lights()[name][0], **room(oblique())))
-    found, lost = injected_flux(maps)
-    expected = np.zeros(3)
-    for texels in maps:
-        facing = np.abs(np.array(texels.normal, dtype=np.float64))
-        # Sloped surfaces also fill the voxel behind, with the same radiance.
-        copies = 1 + (facing < SLOPED_BELOW)
-        expected += np.array(texels.reflected_flux, np.float64) @ (facing * copies).sum(axis=0)
-    np.testing.assert_allclose(found, expected, rtol=FIXED_POINT)
-    assert lost == 0.0
-
-
-def test_light_outside_the_window_is_neither_injected_nor_called_lost() -> None:
-    far = mi.ScalarTransform4f().translate([100.0, 0.0, 0.0])
-    light = {"type": "point", "position": [100.0, 0.0, 0.0], "intensity": grey(3.0)}
-    found, lost = injected_flux(shadow_maps(load(light=light, **room(far))))
-    assert not found.any()
-    assert lost == 0.0
-
-
-def test_light_that_finds_no_opacity_is_counted_as_lost() -> None:
-    maps = shadow_maps(load(light=finite_lights()["point"][0], **room()))
-    where = layout()
-    shapes = [(DIRECTION_COUNT,) + (level.resolution,) * 3 for level in where.levels]
-    lit = inject_light(maps, opacity_of(where, [np.zeros(shape) for shape in shapes]))
-    assert lit.lost_flux_share == [1.0]
-    assert not np.array(lit.levels[0]).any()
 
 
 @pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])

@@ -108,7 +108,9 @@ def test_cones_alone_never_gain_light(is_turned: bool) -> None:
     config = replace(
         config,
         diffuse=replace(config.diffuse, near_field_voxels=0.0),
-        reflective_shadow_map=replace(config.reflective_shadow_map, texels_per_voxel=16.0),
+        reflective_shadow_map=replace(
+            config.reflective_shadow_map, texels_per_voxel=16.0, max_texel_count=1 << 24
+        ),
     )
     share = incident_at_walls(scene, config, is_turned)
     assert share.max() <= GAIN
