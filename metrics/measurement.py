@@ -31,7 +31,7 @@ class Measurement:
     """What a reader must know about this value, if anything."""
 
     @classmethod
-    def from_estimate(  # noqa: PLR0913 - a record's fields, all named at the call
+    def from_estimate(
         cls,
         estimate: Estimate,
         *,

@@ -17,7 +17,7 @@ GAP, HEADER, FOOTER = 6, 26, 22
 """Pixels between pictures, above the columns and below each row."""
 
 JPEG_QUALITY = 88
-"""The sheet is to be looked at, not measured; the pictures themselves are the records' EXR files."""
+"""The sheet is to be looked at, not measured; what is measured are the EXR files of the records."""
 
 ERROR_SHARE = 0.25
 """The error colours end at this share of the reference's mean luminance."""

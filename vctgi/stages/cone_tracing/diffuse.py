@@ -26,6 +26,9 @@ class DiffuseConesConfig:
     """Factor on the apertures that cover the hemisphere once, > 0."""
     is_rotated: bool = True
     """Whether each pixel turns its cones about the normal by an angle of its own."""
+    is_jittered: bool = True
+    """Whether each cone takes a random share of its first step, so that no two sample the voxels
+    at the same distances."""
     near_field_voxels: float = 0.0
     """Length of the real ray that replaces the beginning of a cone, in voxels, >= 0; 0: none."""
     march: ConeMarchConfig = field(default_factory=ConeMarchConfig)
@@ -117,8 +120,8 @@ def _trace_block(
     apex = dr.gather(mi.Point3f, gbuffer.position, point)
     is_reflecting = gbuffer.is_valid & (dr.max(gbuffer.albedo) > 0.0)
     active = dr.gather(mi.Bool, is_reflecting, point)
-    # All cones of a picture would otherwise sample the voxels at the same distances.
-    phase = 1.0 - random_unit(sample_index, PHASE_STREAM + cone)
+    jitter = random_unit(sample_index, PHASE_STREAM + cone) if config.is_jittered else 0.0
+    phase = mi.Float(1.0 - jitter)
     if config.near_field_voxels > 0.0:
         assert scene is not None, "the near field traces real rays, so it needs the scene"
         near = trace_near_field(scene, volume, apex, normal, axis, config.near_field_voxels, active)

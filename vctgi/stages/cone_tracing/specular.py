@@ -24,6 +24,8 @@ class SpecularConesConfig:
 
     min_aperture: float = 0.01
     """Full apex angle of the cone of a perfect mirror, radians, > 0."""
+    is_jittered: bool = True
+    """Whether each cone takes a random share of its first step."""
     march: ConeMarchConfig = field(
         default_factory=lambda: ConeMarchConfig(min_step_voxels=0.5, level_bias=-1.0)
     )
@@ -87,7 +89,8 @@ def _trace(
     config: SpecularConesConfig,
 ) -> mi.Color3f:
     """Radiance along one cone of each point whose weight is not zero."""
-    phase = 1.0 - random_unit(gbuffer.sample_index, PHASE_STREAM)
+    jitter = random_unit(gbuffer.sample_index, PHASE_STREAM) if config.is_jittered else 0.0
+    phase = mi.Float(1.0 - jitter)
     active = gbuffer.is_valid & (dr.max(weight) > 0.0)
     ratio = 2.0 * dr.tan(0.5 * aperture)
     cone = march_cone(volume, gbuffer.position, axis, ratio, phase, config.march, active)
