@@ -202,8 +202,9 @@ def _scatter_first(
     kind = sample.sampled_type
     whole, diffuse, is_split = _lobes(si.bsdf(ray), si, sample.wo, valid)
     drawn = dr.select((kind & int(mi.BSDFFlags.Diffuse)) != 0, mi.Spectrum(1.0), mi.Spectrum(0.0))
-    # Rounding alone takes the quotient above one
-    share = dr.select(whole > 0.0, dr.minimum(diffuse / whole, 1.0), mi.Spectrum(0.0))
+    # A quotient of equal numbers is not exactly one on a GPU, and rounding takes it above one
+    share = dr.select(diffuse >= whole, mi.Spectrum(1.0), diffuse / whole)
+    share = dr.select(whole > 0.0, share, mi.Spectrum(0.0))
     share = dr.select(is_split & (dr.max(whole) > 0.0), share, drawn)
     # A delta lobe has no value to compare with: all that it carries is not diffuse
     is_smooth = (kind & int(mi.BSDFFlags.Smooth)) != 0

@@ -28,7 +28,7 @@ from reference.passes import (
 from reference.request import COMPONENT_NAMES, Reference, ReferenceRequest
 from reference.scene_digest import scene_digest, scene_objects
 
-ALGORITHM_VERSION: Final = 1
+ALGORITHM_VERSION: Final = 2
 """Raised by every change that changes a number, so that no old file is taken for a new one."""
 _COMPONENTS_STREAM: Final = 0
 _REST_STREAM: Final = 1

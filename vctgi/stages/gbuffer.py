@@ -154,8 +154,8 @@ def _sample_lobes(
     weight = dr.select(is_used, mi.Color3f(raw), 0.0) / sample_count
     is_reflection = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Reflection)
     weight = dr.select(is_reflection, weight, 0.0)
-    diffuse = weight * _diffuse_share(si, bsdf, sample, active)
-    specular = weight - diffuse
+    share = _diffuse_share(si, bsdf, sample, active)
+    diffuse, specular = weight * share, weight * (1.0 - share)
     brightness = dr.mean(specular)
     return _Lobes(
         diffuse=diffuse,
@@ -184,8 +184,9 @@ def _diffuse_share(
     is_split &= dr.max(whole) > 0.0
     drawn_diffuse = mi.has_flag(sample.sampled_type, mi.BSDFFlags.DiffuseReflection)
     drawn = dr.select(drawn_diffuse, mi.Color3f(1.0), mi.Color3f(0.0))
-    # Rounding alone takes the quotient above one.
-    by_value = dr.minimum(diffuse / dr.select(whole > 0.0, whole, 1.0), 1.0)
+    # A quotient of equal numbers is not exactly one on a GPU, and rounding takes it above one.
+    quotient = diffuse / dr.select(whole > 0.0, whole, 1.0)
+    by_value = dr.select(diffuse >= whole, mi.Color3f(1.0), quotient)
     share = dr.select(is_split, by_value, drawn)
     # A mirror has no value to compare with: all that it reflects is not diffuse.
     is_smooth = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Smooth)
