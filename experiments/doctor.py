@@ -36,6 +36,7 @@ CORE_PACKAGES: Final = (
     "jinja2",
     "matplotlib",
     "flip-evaluator",
+    "pillow",
     "rich",
 )
 """Distributions that vctgi does not work without."""
