@@ -39,11 +39,6 @@ class StageTimer:
         frame = self._frames[-1]
         frame[stage] = frame.get(stage, 0.0) + time.perf_counter() - start
 
-    @property
-    def last_frame_seconds(self) -> float:
-        """Seconds of all stages of the latest frame."""
-        return sum(self._frames[-1].values())
-
     def stage_times(self) -> list[StageTime]:
         """Median and range of each stage over the warm frames, then of the whole frame.
 

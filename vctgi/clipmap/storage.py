@@ -89,8 +89,3 @@ def interleave(opacity: OpacityClipmap, emittance: EmittanceClipmap) -> VoxelVol
         dr.scatter(texels, texel, index)
     dr.eval(texels)
     return VoxelVolume(layout, level_table(layout), texels)
-
-
-def bytes_per_voxel(volume: VoxelVolume) -> float:
-    """Bytes that one voxel takes, all directions together."""
-    return 4.0 * dr.width(volume.texels) / volume.layout.voxel_count

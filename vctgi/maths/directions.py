@@ -67,6 +67,16 @@ def random_unit(index: mi.UInt32, stream: int | mi.UInt32) -> mi.Float:
     return unit_from_bits(mi.UInt32(bits))
 
 
+RAY_EPSILON = 1500.0 * 2.0**-24
+"""Offset of a new ray from its surface, relative to its coordinates: Mitsuba's own rule."""
+
+
+def offset_from_surface(p_world: mi.Point3f, normal: mi.Vector3f) -> mi.Point3f:
+    """Return where a ray that leaves a surface on the side of `normal` starts."""
+    scale = 1.0 + dr.max(dr.abs(p_world))
+    return mi.Point3f(dr.fma(normal, scale * RAY_EPSILON, p_world))
+
+
 TEA_ROUNDS = 8
 """Rounds of the hash; Mitsuba's default of 4 is far from uniform on small consecutive numbers."""
 

@@ -14,7 +14,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from vctgi.maths.directions import face_forward, random_unit
+from vctgi.maths.directions import face_forward, offset_from_surface, random_unit
 from vctgi.maths.stub_gaps import as_mask
 from vctgi.scene.camera import survey_rays
 from vctgi.scene.materials import Material
@@ -125,18 +125,13 @@ def _survey(scene: mi.Scene, sensor: mi.Sensor, triangles: SceneTriangles) -> np
         normal = face_forward(mi.Vector3f(n), -d)
         sample = mi.Point2f(random_unit(lane, 2 * bounce), random_unit(lane, 2 * bounce + 1))
         d = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(sample))
-        scale = 1.0 + dr.max(dr.abs(p))
-        ray = mi.Ray3f(mi.Point3f(dr.fma(normal, scale * RAY_EPSILON, p)), d)
+        ray = mi.Ray3f(offset_from_surface(mi.Point3f(p), normal), d)
         si = scene.ray_intersect(ray, is_valid)
         is_valid &= si.is_valid()
         _count(votes, si, d, first_face, kept)
         p, n = si.p, si.n
         dr.eval(p, n, d, is_valid, votes)
     return np.array(votes, dtype=np.int64).reshape(-1, 2)
-
-
-RAY_EPSILON = 1500.0 * 2.0**-24
-"""Offset of a new ray from its surface, relative to its coordinates: Mitsuba's own rule."""
 
 
 def _face_lookup(scene: mi.Scene, triangles: SceneTriangles) -> tuple[mi.Int32, mi.Int32]:

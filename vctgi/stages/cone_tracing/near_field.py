@@ -15,12 +15,9 @@ import mitsuba as mi
 
 from vctgi.clipmap.sampling import read_surface
 from vctgi.clipmap.storage import VoxelVolume
-from vctgi.maths.directions import face_forward
+from vctgi.maths.directions import face_forward, offset_from_surface
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.stages.cone_tracing.march import finest_level
-
-RAY_EPSILON = 1500.0 * 2.0**-24
-"""Offset of a new ray from its surface, relative to its coordinates: Mitsuba's own rule."""
 
 
 @dataclass
@@ -70,9 +67,7 @@ def trace_near_field(
     level = mi.UInt32(dr.ceil(finest_level(volume.layout, apex)))
     voxel_size = volume.layout.finest_voxel_size * dr.exp2(mi.Float(level))
     reach = reach_voxels * voxel_size
-    scale = 1.0 + dr.max(dr.abs(apex))
-    origin = mi.Point3f(dr.fma(normal, scale * RAY_EPSILON, apex))
-    ray = mi.Ray3f(origin, axis)
+    ray = mi.Ray3f(offset_from_surface(apex, normal), axis)
     ray.maxt = as_component(reach)
     si = scene.ray_intersect(ray, int(mi.RayFlags.Minimal), as_mask(False), as_mask(active))
     is_hit = mi.Bool(si.is_valid()) & active
