@@ -41,7 +41,7 @@ format: setup  ## rewrite the files as ruff wants them
 
 gate: setup  ## check two small scenes against tests/gates
 	@mkdir -p build/gate
-	@$(VENV)/vctgi gate tests/gates/gates.toml --mutants --output build/gate --junit build/gate/junit.xml \
+	@$(VENV)/vctgi gate tests/gates/gates.toml --variant llvm_ad_rgb --mutants --output build/gate --junit build/gate/junit.xml \
 		--markdown build/gate/summary.md
 
 clean:  ## remove what the commands made; keep .venv and the references outside build
