@@ -36,7 +36,13 @@ app = App(
 DEFAULT_CACHE = "the user's cache folder, or $VCTGI_CACHE"
 
 Preset = Annotated[str, Parameter(help="Named configuration: medium, high or ultra.")]
-Resolution = Annotated[int, Parameter(help="Longer edge of the picture, pixels.")]
+Resolution = Annotated[
+    int,
+    Parameter(
+        help="Longer edge of the picture, pixels. Left out: 256 for a report, the scene's own size "
+        "for a render, and always the scene's own for a film with a crop window."
+    ),
+]
 Spp = Annotated[int, Parameter(name="--spp", help="Paths a pixel of the reference.")]
 Variant = Annotated[
     str | None, Parameter(help="llvm_ad_rgb or cuda_ad_rgb; chosen by the machine if left out.")
@@ -55,7 +61,7 @@ def report(  # noqa: PLR0913 - the options of a command
     *scenes: str,
     output: Path = Path("vctgi-report"),
     preset: Preset = "high",
-    resolution: Resolution = 256,
+    resolution: Resolution | None = None,
     spp: Spp = 512,
     seed: int = 0,
     variant: Variant = None,
@@ -74,7 +80,7 @@ def report(  # noqa: PLR0913 - the options of a command
         list(scenes),
         output=output,
         options=_options(preset, spp, seed, cache),
-        resolution=_at_least("--resolution", resolution, SMALLEST_PICTURE),
+        resolution=_picture_size(resolution),
         variant=variant,
         sensor=sensor,
         json_file=json_file,
@@ -88,7 +94,7 @@ def plan(
     scene: str,
     *,
     preset: Preset = "high",
-    resolution: Resolution = 256,
+    resolution: Resolution | None = None,
     variant: Variant = None,
     sensor: Sensor = 0,
     json_file: JsonFile = None,
@@ -96,7 +102,7 @@ def plan(
     """Show what would be run for a scene and what is left out, with reasons."""
     from experiments.inspect import plan_lines
 
-    lines, entries = plan_lines(scene, preset, resolution, variant, sensor)
+    lines, entries = plan_lines(scene, preset, _picture_size(resolution), variant, sensor)
     _finish(lines, entries, json_file)
     return EXIT_DONE
 
@@ -117,7 +123,14 @@ def render(
     from experiments.frame_files import render_frame_file
 
     render_frame_file(
-        scene, output, preset, resolution, _at_least("--spp", spp, 1), seed, variant, sensor
+        scene,
+        output,
+        preset,
+        resolution,
+        _at_least("--spp", spp, 1),
+        _at_least("--seed", seed, 0),
+        variant,
+        sensor,
     )
     return EXIT_DONE
 
@@ -263,6 +276,13 @@ def _cache(folder: Path | None) -> Path:
     from reference import default_cache_directory
 
     return writable_folder(folder or default_cache_directory(), "--cache")
+
+
+def _picture_size(resolution: int | None) -> int | None:
+    """Return a picture size that every metric can measure, or None for the default."""
+    if resolution is None:
+        return None
+    return _at_least("--resolution", resolution, SMALLEST_PICTURE)
 
 
 def _at_least(name: str, value: int, least: int) -> int:

@@ -7,16 +7,21 @@ from typing import Any
 
 import vctgi
 from experiments.scenes import load_scene
-from experiments.session import find_preset, start_mitsuba
+from experiments.session import DEFAULT_RESOLUTION, find_preset, start_mitsuba
 
 
 def plan_lines(
-    source: str, preset: str, resolution: int, variant: str | None, sensor: int
+    source: str, preset: str, resolution: int | None, variant: str | None, sensor: int
 ) -> tuple[list[str], list[dict[str, Any]]]:
     """Return the plan of a scene as lines of a table and as plain values."""
     find_preset(preset)
     start_mitsuba(variant)
-    loaded = load_scene(source, resolution=resolution, sensor_index=sensor)
+    loaded = load_scene(
+        source,
+        resolution=resolution,
+        default_resolution=DEFAULT_RESOLUTION,
+        sensor_index=sensor,
+    )
     camera = loaded.scene.sensors()[loaded.sensor_index]
     prepared = vctgi.prepare_scene(loaded.scene, camera, vctgi.preset(preset))
     entries = prepared.plan.entries
@@ -26,4 +31,6 @@ def plan_lines(
         verdict = "kept    " if entry.kept else "left out"
         saved = f" (saves {entry.saved})" if entry.saved and not entry.kept else ""
         lines.append(f"  {verdict}  {entry.item:<{width}}  {entry.reason}{saved}")
+    warnings = [*loaded.warnings, *prepared.triangles.unsupported]
+    lines += [f"  warning   {warning}" for warning in warnings]
     return lines, [dataclasses.asdict(entry) for entry in entries]

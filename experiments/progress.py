@@ -42,7 +42,8 @@ class ProgressReport:
         _error: BaseException | None,
         _trace: TracebackType | None,
     ) -> None:
-        self._bar.stop()
+        if self._console.is_terminal:
+            self._bar.stop()
 
     def start_scene(self, title: str, number: int, count: int) -> None:
         """Begin a scene, number 1 .. count."""

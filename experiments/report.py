@@ -10,7 +10,12 @@ from pathlib import Path
 from experiments.progress import ProgressReport
 from experiments.run import RunOptions, run_scene
 from experiments.scenes import BUILT_IN, LoadedScene, load_scene
-from experiments.session import start_mitsuba, writable_file, writable_folder
+from experiments.session import (
+    DEFAULT_RESOLUTION,
+    start_mitsuba,
+    writable_file,
+    writable_folder,
+)
 from reports.accuracy import write_accuracy_report
 from reports.markdown import write_markdown_summary
 from reports.record import Record
@@ -25,7 +30,7 @@ def make_report(
     *,
     output: Path,
     options: RunOptions,
-    resolution: int,
+    resolution: int | None,
     variant: str | None,
     sensor: int,
     json_file: Path | None,
@@ -41,7 +46,7 @@ def make_report(
     options
         Preset, samples, seed.
     resolution
-        Longer edge of the pictures, pixels.
+        Longer edge of the pictures, pixels; None for the default.
     variant
         Back end, or None to choose.
     sensor
@@ -59,9 +64,6 @@ def make_report(
     InputError
         Bad input; nothing of the scene in question was rendered.
     """
-    writable_folder(output)
-    if json_file is not None:
-        writable_file(json_file)
     chosen = start_mitsuba(variant)
     names = sources or list(BUILT_IN)
     results: list[tuple[Record, Path]] = []
@@ -70,24 +72,13 @@ def make_report(
         # last name must not cost the minutes of the others.
         for name in names:
             _load(name, resolution, sensor)
+        writable_folder(output)
+        if json_file is not None:
+            writable_file(json_file)
         for number, name in enumerate(names, start=1):
             loaded = _load(name, resolution, sensor)
             progress.start_scene(loaded.title, number, len(names))
-            command = shlex.join(
-                [
-                    "vctgi",
-                    "report",
-                    name,
-                    "--preset",
-                    options.preset,
-                    "--resolution",
-                    str(resolution),
-                    "--spp",
-                    str(options.reference_spp),
-                    "--variant",
-                    chosen,
-                ]
-            )
+            command = _command(name, resolution, options, chosen, loaded)
             record, path = run_scene(
                 loaded, replace(options, command=command), output, chosen, progress
             )
@@ -103,8 +94,24 @@ def make_report(
     return page
 
 
-def _load(name: str, resolution: int, sensor: int) -> LoadedScene:
-    return load_scene(name, resolution=resolution, sensor_index=sensor)
+def _load(name: str, resolution: int | None, sensor: int) -> LoadedScene:
+    return load_scene(
+        name,
+        resolution=resolution,
+        default_resolution=DEFAULT_RESOLUTION,
+        sensor_index=sensor,
+    )
+
+
+def _command(
+    name: str, resolution: int | None, options: RunOptions, variant: str, loaded: LoadedScene
+) -> str:
+    """Return what to type to make a record again."""
+    words = ["vctgi", "report", name, "--preset", options.preset]
+    if resolution is not None:
+        words += ["--resolution", str(resolution)]
+    words += ["--spp", str(options.reference_spp), "--seed", str(options.seed)]
+    return shlex.join([*words, "--variant", variant, "--sensor", str(loaded.sensor_index)])
 
 
 def headline(record: Record) -> str:

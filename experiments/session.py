@@ -48,6 +48,10 @@ def find_preset(name: str) -> None:
         )
 
 
+DEFAULT_RESOLUTION = 256
+"""Longer edge of a report's pictures, pixels, where the user names none."""
+
+
 def writable_folder(path: Path, option: str = "--output") -> Path:
     """Make a folder and prove that it can be written.
 

@@ -84,6 +84,13 @@ def _check_geometry(scene: mi.Scene, where: str) -> list[str]:
                 where=where,
                 remedy="export the mesh again or remove those vertices",
             )
+        stray_count = int(np.count_nonzero(mesh.faces >= len(mesh.positions)))
+        if stray_count:
+            raise InputError(
+                what=f"{stray_count} face corners of the shape {mesh.name} name no vertex",
+                where=where,
+                remedy="export the mesh again",
+            )
         flat_count = zero_area_count(mesh)
         sound_count += len(mesh.faces) - flat_count
         if flat_count:

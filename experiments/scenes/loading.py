@@ -60,6 +60,7 @@ def load_scene(
     source: str,
     *,
     resolution: int | tuple[int, int] | None = None,
+    default_resolution: int | None = None,
     parameters: dict[str, str] | None = None,
     sensor_index: int = 0,
 ) -> LoadedScene:
@@ -72,7 +73,9 @@ def load_scene(
         that returns a Mitsuba dict, or a `.gltf`, `.glb`, `.obj` or `.ply` mesh.
     resolution
         Film size in pixels: (width, height), or the longer edge with the aspect kept. The field of
-        view across the picture stays as the scene has it. Left out: the size in the scene.
+        view across the picture stays as the scene has it. Left out: the default.
+    default_resolution
+        The same for a film without a crop window; left out: the size in the scene.
     parameters
         Values for the parameters of an XML scene, or for the keyword arguments of a scene function.
     sensor_index
@@ -93,8 +96,11 @@ def load_scene(
             remedy="put it into a <scene> (in Python: a dict with type 'scene')",
         )
     warnings = [*draft.warnings, *messages, *check_scene(draft.loaded, sensor_index, source)]
+    sensor = draft.loaded.sensors()[sensor_index]
+    if resolution is None and not _has_crop_window(sensor):
+        resolution = default_resolution
     if resolution is not None:
-        _resize(draft.loaded.sensors()[sensor_index], resolution, source)
+        _resize(sensor, resolution, source)
     return LoadedScene(
         name=draft.name,
         title=draft.title or draft.name.replace("_", " ").replace("-", " ").capitalize(),
@@ -177,6 +183,12 @@ def _load_xml(path: Path, parameters: dict[str, str]) -> _Draft:
     if title and path.stem != "scene":
         title = f"{title} ({path.stem.removeprefix('scene_').replace('_', ' ')})"
     return _Draft(loaded=loaded, name=name, title=title, purpose=notes.purpose, credit=notes.credit)
+
+
+def _has_crop_window(sensor: mi.Sensor) -> bool:
+    """Whether the film shows only a part of its picture."""
+    film = sensor.film()
+    return [int(n) for n in film.crop_size()] != [int(n) for n in film.size()]
 
 
 def _resize(sensor: mi.Sensor, resolution: int | tuple[int, int], source: str) -> None:

@@ -61,7 +61,7 @@ def _run(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise _python_error(error, "the scene file cannot be run", str(path)) from error
     return module
 
@@ -89,7 +89,7 @@ def call_scene_function(
         arguments[name] = _parse(name, text, known[name].default, source)
     try:
         return function(**arguments)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise _python_error(error, "scene() failed", source) from error
 
 
@@ -134,7 +134,7 @@ def _parse(name: str, text: str, default: object, source: str) -> Any:
     return text
 
 
-def _python_error(error: Exception, what: str, source: str) -> InputError:
+def _python_error(error: BaseException, what: str, source: str) -> InputError:
     if isinstance(error, InputError):
         return error
     return InputError(

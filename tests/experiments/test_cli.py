@@ -60,6 +60,7 @@ def refused_line(capsys: pytest.CaptureFixture[str]) -> str:
         (["gate", "nowhere.toml"], "nowhere.toml"),
         (["gate", "--update"], "--reason"),
         (["render", "cornell_box"], "--output"),
+        (["render", "cornell_box", "-o", "frame.exr", "--seed", "-1"], "at least 0"),
     ],
 )
 def test_bad_usage_is_one_line_and_exit_code_2(
@@ -73,7 +74,7 @@ def test_bad_usage_is_one_line_and_exit_code_2(
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == EXIT_BAD_INPUT
     assert words.lower() in refused_line(capsys).lower()
-    assert not list(tmp_path.rglob("*.html")), "a refused report must leave no page"
+    assert not list(tmp_path.iterdir()), "what is refused must leave nothing"
 
 
 @pytest.mark.parametrize(
@@ -111,6 +112,60 @@ def test_an_output_that_is_a_file_is_refused(
     assert main(["report", "cornell_box", "--output", str(path)]) == EXIT_BAD_INPUT
     assert "--output" in refused_line(capsys)
     assert path.read_text(encoding="utf-8") == "in the way"
+
+
+def test_a_scene_file_that_exits_is_refused(
+    variant: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "exits.py"
+    path.write_text("import sys\nsys.exit(0)\n", encoding="utf-8")
+    assert main(["plan", str(path)]) == EXIT_BAD_INPUT
+    assert "SystemExit" in refused_line(capsys)
+
+
+def test_a_mesh_whose_faces_name_no_vertex_is_refused(
+    variant: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "stray.ply"
+    path.write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        "0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n",
+        encoding="utf-8",
+    )
+    assert main(["plan", str(path)]) == EXIT_BAD_INPUT
+    assert "name no vertex" in refused_line(capsys)
+
+
+@pytest.mark.parametrize("power", ["nan", "-1"])
+def test_a_light_without_a_power_is_refused(
+    power: str, variant: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    light = LIGHT.replace("</emitter>", f'<rgb name="intensity" value="{power}"/></emitter>')
+    path = write_scene(tmp_path, light=light)
+    assert main(["report", str(path), "--output", str(tmp_path / "out")]) == EXIT_BAD_INPUT
+    assert "power" in refused_line(capsys)
+
+
+def test_a_film_with_a_crop_window_keeps_its_size(
+    variant: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_scene(tmp_path)
+    crop = "".join(
+        f'<integer name="crop_{name}" value="{value}"/>'
+        for name, value in {"width": 20, "height": 16, "offset_x": 6, "offset_y": 8}.items()
+    )
+    film = '<film type="hdrfilm">'
+    path.write_text(path.read_text(encoding="utf-8").replace(film, film + crop), encoding="utf-8")
+    output = tmp_path / "out"
+    arguments = ["report", str(path), "--output", str(output), "--spp", "64"]
+    arguments += ["--preset", "medium", "--cache", str(tmp_path / "cache")]
+    assert main(arguments) == EXIT_DONE
+    (record,) = read_records(output / "records").values()
+    assert (record.width, record.height) == (20, 16)
+    capsys.readouterr()
+    assert main([*arguments, "--resolution", "32"]) == EXIT_BAD_INPUT
+    assert "crop" in refused_line(capsys)
 
 
 def test_debug_adds_the_traceback_before_the_line(
