@@ -282,6 +282,8 @@ def _picture_size(resolution: int | None) -> int | None:
     """Return a picture size that every metric can measure, or None for the default."""
     if resolution is None:
         return None
+    from experiments.session import SMALLEST_PICTURE
+
     return _at_least("--resolution", resolution, SMALLEST_PICTURE)
 
 
@@ -299,9 +301,7 @@ def _finish(lines: list[str], result: Any, json_file: Path | None) -> None:
     if json_file is not None:
         from experiments.session import writable_file
 
-        writable_file(json_file).write_text(json.dumps(result, indent=1), encoding="utf-8")
+        writable_file(json_file, "--json").write_text(
+            json.dumps(result, indent=1), encoding="utf-8"
+        )
     print("\n".join(lines))  # noqa: T201 - the command's result
-
-
-SMALLEST_PICTURE = 16
-"""Shortest edge that every metric can measure, pixels."""

@@ -15,6 +15,7 @@ import OpenEXR
 
 import reference
 import vctgi
+from experiments.errors import InputError
 from experiments.progress import ProgressReport
 from experiments.run import (
     RunOptions,
@@ -41,9 +42,10 @@ def render_frame_file(
 ) -> None:
     """Render a frame by cones, with Mitsuba's direct light, to an EXR file."""
     find_preset(preset)
-    writable_file(output)
+    _require_exr(output)
     start_mitsuba(variant)
     loaded = load_scene(source, resolution=resolution, sensor_index=sensor)
+    writable_file(output)
     config = vctgi.preset(preset)
     camera = loaded.scene.sensors()[loaded.sensor_index]
     with ProgressReport() as progress:
@@ -69,9 +71,10 @@ def reference_file(
     sensor: int,
 ) -> None:
     """Render the components of the reference to an EXR file."""
-    writable_file(output)
+    _require_exr(output)
     start_mitsuba(variant)
     loaded = load_scene(source, resolution=resolution, sensor_index=sensor)
+    writable_file(output)
     with ProgressReport() as progress:
         progress.start_scene(loaded.title, 1, 1)
         truth = reference.render_reference(
@@ -86,6 +89,14 @@ def reference_file(
         channels[name] = truth.mean(name)
         channels[f"variance_{name}"] = truth.variance_of_mean(name)
     write_channels(output, channels, {"request": asdict(truth.request), "key": truth.key})
+
+
+def _require_exr(output: Path) -> None:
+    """Refuse a name that promises another format."""
+    if output.suffix.lower() != ".exr":
+        raise InputError(
+            what="frames and references are OpenEXR files", where=str(output), remedy="name it .exr"
+        )
 
 
 def _direct_light(loaded: LoadedScene, spp: int, seed: int) -> np.ndarray:

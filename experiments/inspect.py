@@ -6,6 +6,7 @@ import dataclasses
 from typing import Any
 
 import vctgi
+from experiments.record import unsupported_parts
 from experiments.scenes import load_scene
 from experiments.session import DEFAULT_RESOLUTION, find_preset, start_mitsuba
 
@@ -31,6 +32,6 @@ def plan_lines(
         verdict = "kept    " if entry.kept else "left out"
         saved = f" (saves {entry.saved})" if entry.saved and not entry.kept else ""
         lines.append(f"  {verdict}  {entry.item:<{width}}  {entry.reason}{saved}")
-    warnings = [*loaded.warnings, *prepared.triangles.unsupported]
+    warnings = [*loaded.warnings, *unsupported_parts(prepared)]
     lines += [f"  warning   {warning}" for warning in warnings]
     return lines, [dataclasses.asdict(entry) for entry in entries]

@@ -140,7 +140,7 @@ def _scene_info(result: RunResult) -> SceneInfo:
         bounds_min=_point(low),
         bounds_max=_point(high),
         contributions=sorted(sentences),
-        unsupported=_unsupported(prepared),
+        unsupported=unsupported_parts(prepared),
         credit=loaded.credit,
     )
 
@@ -150,7 +150,7 @@ def _point(values: np.ndarray) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _unsupported(prepared: PreparedScene) -> list[str]:
+def unsupported_parts(prepared: PreparedScene) -> list[str]:
     """Name everything in the scene that the renderer does not do, or does untested."""
     found = list(prepared.triangles.unsupported)
     found += sorted(
@@ -163,6 +163,11 @@ def _unsupported(prepared: PreparedScene) -> list[str]:
             if light.kind not in KNOWN_KINDS
         }
     )
+    if any(material.kind == "Null" for material in prepared.materials):
+        found.append(
+            "null surfaces: Mitsuba counts each as a scattering and stops shadow rays at it, so "
+            "the two methods do not hold the same light behind one"
+        )
     if any(shape.is_medium_transition() for shape in prepared.scene.shapes()):
         found.append("participating media: ignored on both sides")
     return found
@@ -172,7 +177,9 @@ def _reference_info(result: RunResult) -> ReferenceInfo:
     truth = result.truth
     reflected = float(truth.mean("direct").mean() + truth.mean("indirect").mean())
     rest = float(truth.mean("rest").mean())
-    noise = metrics.reference_noise_relmse(result.truth.batches("indirect"))
+    batches = truth.batches("indirect")
+    is_lit = bool((batches.reshape(len(batches), -1).max(axis=1) > 0.0).all())
+    noise = metrics.reference_noise_relmse(batches).value if is_lit else None
     return ReferenceInfo(
         key=truth.key,
         samples_per_pixel=truth.request.samples_per_pixel,
@@ -181,7 +188,7 @@ def _reference_info(result: RunResult) -> ReferenceInfo:
         seed=truth.request.seed,
         seconds=truth.seconds,
         from_cache=truth.from_cache,
-        noise_relmse=max(noise.value, 0.0),
+        noise_relmse=noise,
         truncated_share=rest / (reflected + rest) if reflected + rest > 0.0 else 0.0,
         notes=truth.notes,
     )

@@ -7,11 +7,13 @@ import shlex
 from dataclasses import replace
 from pathlib import Path
 
+from experiments.errors import InputError
 from experiments.progress import ProgressReport
 from experiments.run import RunOptions, run_scene
 from experiments.scenes import BUILT_IN, LoadedScene, load_scene
 from experiments.session import (
     DEFAULT_RESOLUTION,
+    SMALLEST_PICTURE,
     start_mitsuba,
     writable_file,
     writable_folder,
@@ -20,6 +22,7 @@ from reports.accuracy import write_accuracy_report
 from reports.markdown import write_markdown_summary
 from reports.record import Record
 from reports.sheet import write_sheet
+from vctgi.errors import SceneError
 
 PAGE, SUMMARY, SHEET = "index.html", "summary.md", "sheet.jpg"
 """Files that a report leaves in its folder, beside `records/`."""
@@ -62,11 +65,13 @@ def make_report(
     Raises
     ------
     InputError
-        Bad input; nothing of the scene in question was rendered.
+        Bad input. A scene that turns out to be unfit only while it is rendered does not take the
+        others with it: their page is written first.
     """
     chosen = start_mitsuba(variant)
     names = sources or list(BUILT_IN)
     results: list[tuple[Record, Path]] = []
+    failures: list[InputError | SceneError] = []
     with ProgressReport() as progress:
         # All scenes are loaded and checked before the first is rendered: a typing error in the
         # last name must not cost the minutes of the others.
@@ -74,16 +79,24 @@ def make_report(
             _load(name, resolution, sensor)
         writable_folder(output)
         if json_file is not None:
-            writable_file(json_file)
+            writable_file(json_file, "--json")
         for number, name in enumerate(names, start=1):
             loaded = _load(name, resolution, sensor)
             progress.start_scene(loaded.title, number, len(names))
             command = _command(name, resolution, options, chosen, loaded)
-            record, path = run_scene(
-                loaded, replace(options, command=command), output, chosen, progress
-            )
+            try:
+                record, path = run_scene(
+                    loaded, replace(options, command=command), output, chosen, progress
+                )
+            except (InputError, SceneError) as error:
+                # The others are still worth a page.
+                failures.append(error)
+                progress.say(f"left out: {error}")
+                continue
             results.append((record, path))
             progress.say(headline(record))
+    if not results:
+        raise failures[0]
     paths = [path for _, path in results]
     page = write_accuracy_report(paths, output / PAGE)
     write_markdown_summary(paths, output / SUMMARY)
@@ -91,16 +104,27 @@ def make_report(
     if json_file is not None:
         rows = [record.model_dump(mode="json") for record, _ in results]
         json_file.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+    if failures:
+        raise failures[0]
     return page
 
 
 def _load(name: str, resolution: int | None, sensor: int) -> LoadedScene:
-    return load_scene(
+    """Load a scene and check that its picture can be measured."""
+    loaded = load_scene(
         name,
         resolution=resolution,
         default_resolution=DEFAULT_RESOLUTION,
         sensor_index=sensor,
     )
+    width, height = (int(n) for n in loaded.scene.sensors()[sensor].film().crop_size())
+    if min(width, height) < SMALLEST_PICTURE:
+        raise InputError(
+            what=f"a picture of {width} x {height} pixels is too small to measure",
+            where=name,
+            remedy=f"give a --resolution that makes its shorter edge at least {SMALLEST_PICTURE}",
+        )
+    return loaded
 
 
 def _command(

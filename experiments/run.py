@@ -11,6 +11,7 @@ import numpy as np
 import metrics
 import reference
 import vctgi
+from experiments.errors import InputError
 from experiments.record import RunResult, keep_record
 from experiments.scenes import LoadedScene
 from experiments.timing import StageTimer
@@ -102,6 +103,7 @@ def run_scene(
     tests["image"] = tests["indirect"] + shared
     batches = {name: truth.batches(name) for name in tests if name != "image"}
     batches["image"] = batches["indirect"] + shared
+    _require_light(batches["image"], loaded.source)
     display = display or metrics.display_settings(batches["image"].mean(axis=0))
     measured = [
         value
@@ -128,6 +130,16 @@ def run_scene(
 
 COMPARED = ("image", "indirect", "indirect_diffuse", "indirect_specular")
 """Components that metrics are given for."""
+
+
+def _require_light(batches: np.ndarray, source: str) -> None:
+    """Refuse a picture that shows nothing: there is no brightness to compare at."""
+    if not batches.any():
+        raise InputError(
+            what="the camera sees no light at all",
+            where=source,
+            remedy="turn it to something lit, or raise the power of the lights",
+        )
 
 
 def reference_request(options: RunOptions) -> reference.ReferenceRequest:

@@ -52,6 +52,10 @@ DEFAULT_RESOLUTION = 256
 """Longer edge of a report's pictures, pixels, where the user names none."""
 
 
+SMALLEST_PICTURE = 16
+"""Shortest edge that every metric can measure, pixels."""
+
+
 def writable_folder(path: Path, option: str = "--output") -> Path:
     """Make a folder and prove that it can be written.
 
@@ -74,9 +78,9 @@ def writable_folder(path: Path, option: str = "--output") -> Path:
     return path
 
 
-def writable_file(path: Path) -> Path:
-    """Prove that a file can be written, without making it."""
+def writable_file(path: Path, option: str = "--output") -> Path:
+    """Prove that a file can be written, without making it; its folder is made."""
     if path.is_dir():
         raise InputError(what="is a folder", where=str(path), remedy="give the name of a file")
-    writable_folder(path.parent)
+    writable_folder(path.parent, option)
     return path

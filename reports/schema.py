@@ -177,8 +177,9 @@ class ReferenceInfo(_Part):
     seconds: float = Field(ge=0.0)
     """Time that the reference took when it was rendered, also when it came from the cache."""
     from_cache: bool
-    noise_relmse: float = Field(ge=0.0)
-    """Relative MSE of the reference mean itself."""
+    noise_relmse: float | None
+    """Estimated relative MSE of the reference's mean indirect light, unbiased and so not always
+    positive; None where there is none."""
     truncated_share: float
     """Energy of more scatterings than `scattering_count`, over all reflected energy."""
     notes: list[str] = []

@@ -147,6 +147,49 @@ def test_a_light_without_a_power_is_refused(
     assert "power" in refused_line(capsys)
 
 
+def test_a_picture_without_light_is_refused_and_the_other_scenes_get_their_page(
+    variant: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    light = LIGHT.replace("</emitter>", '<rgb name="intensity" value="0"/></emitter>')
+    path = write_scene(tmp_path, light=light)
+    output = tmp_path / "out"
+    common = ["--output", str(output), "--cache", str(tmp_path / "cache"), *SMALL_REPORT]
+    assert main(["report", str(path), *common]) == EXIT_BAD_INPUT
+    assert "sees no light" in refused_line(capsys)
+    assert not (output / "index.html").exists()
+    assert main(["report", str(path), "cornell_box", *common]) == EXIT_BAD_INPUT
+    assert "Cornell box" in (output / "index.html").read_text(encoding="utf-8")
+
+
+def test_a_picture_without_indirect_light_is_measured_where_it_can_be(
+    variant: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "one.ply"
+    path.write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+        encoding="utf-8",
+    )
+    output = tmp_path / "out"
+    arguments = ["report", str(path), "--output", str(output), *SMALL_REPORT]
+    assert main([*arguments, "--cache", str(tmp_path / "cache")]) == EXIT_DONE
+    (record,) = read_records(output / "records").values()
+    assert record.reference is not None
+    assert record.reference.noise_relmse is None
+    assert {m.name for m in record.metrics if m.component == "image"} >= {"energy_ratio", "flip"}
+
+
+def test_a_picture_that_is_too_narrow_is_refused(
+    variant: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_scene(tmp_path)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace('name="width" value="32"', 'name="width" value="1"'), "utf-8")
+    assert main(["report", str(path), "--output", str(tmp_path / "out")]) == EXIT_BAD_INPUT
+    assert "too small to measure" in refused_line(capsys)
+
+
 def test_a_film_with_a_crop_window_keeps_its_size(
     variant: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
