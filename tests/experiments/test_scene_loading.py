@@ -74,6 +74,10 @@ def film_size(scene: mi.Scene) -> tuple[int, ...]:
     return tuple(int(edge) for edge in scene.sensors()[0].film().size())
 
 
+FILTER_ORDER = 1e-5
+"""Mitsuba's default film filter adds a pixel's samples in no fixed order, in single precision."""
+
+
 def view_edge(scene: mi.Scene) -> npt.NDArray[np.float64]:
     """Direction through the middle of the right edge of the film."""
     sensor: Any = scene.sensors()[0]
@@ -114,10 +118,9 @@ def test_a_resized_camera_sees_what_one_of_that_size_sees(tmp_path: Path) -> Non
     resized = load_scene(source, resolution=(30, 30)).scene
     made = load_scene(source, parameters={"width": "30"}).scene
     depth: Any = mi.load_dict({"type": "depth"})
-    assert np.array_equal(
-        np.array(mi.render(resized, integrator=depth, spp=4)),
-        np.array(mi.render(made, integrator=depth, spp=4)),
-    )
+    pictures = [np.array(mi.render(s, integrator=depth, spp=4)) for s in (resized, made)]
+    assert pictures[0].max() > 0.0
+    assert pictures[0] == pytest.approx(pictures[1], rel=FILTER_ORDER, abs=FILTER_ORDER)
 
 
 def test_a_second_camera_can_be_chosen(tmp_path: Path) -> None:
