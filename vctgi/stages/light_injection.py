@@ -12,6 +12,7 @@ import math
 import drjit as dr
 import mitsuba as mi
 
+from vctgi.clipmap.addressing import texel_from_voxel
 from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.slots import BEHIND_NUDGE, surface_slot
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
@@ -138,6 +139,5 @@ def _slot_index(
     """Storage index of the slot of a voxel given relative to the window's corner."""
     local = [mi.Int32(coordinate) for coordinate in voxel]
     local[axis] = depth
-    resolution = level.resolution
-    x, y, z = (mi.UInt32((local[i] + level.origin[i]) & (resolution - 1)) for i in range(3))
-    return (z * resolution + y) * resolution + x + (2 * axis + side) * level.voxel_count
+    stored = texel_from_voxel(mi.Vector3i(local) + mi.Vector3i(*level.origin), level.resolution)
+    return stored + (2 * axis + side) * level.voxel_count

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from vctgi.clipmap.addressing import texel_from_voxel
 from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.slots import BEHIND_NUDGE, surface_slot
 from vctgi.maths.directions import other_axes, random_unit
@@ -247,8 +248,7 @@ def _set(
     depth, cell_u, cell_v = cell
     local = [mi.Int32(0)] * 3
     local[axis], local[u], local[v] = depth, cell_u // CELLS_PER_EDGE, cell_v // CELLS_PER_EDGE
-    resolution = level.resolution
-    active = active & (depth >= 0) & (depth < resolution)
-    x, y, z = (mi.UInt32((local[i] + level.origin[i]) & (resolution - 1)) for i in range(3))
-    index = (z * resolution + y) * resolution + x + side * level.voxel_count
+    active = active & (depth >= 0) & (depth < level.resolution)
+    voxel = mi.Vector3i(local) + mi.Vector3i(*level.origin)
+    index = texel_from_voxel(voxel, level.resolution) + side * level.voxel_count
     dr.scatter_reduce(dr.ReduceOp.Or, masks, bit, index, active)
