@@ -14,7 +14,7 @@ from typing import Protocol
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.storage import VoxelVolume, interleave
+from vctgi.clipmap.storage import VoxelVolume, pack_volume
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
 from vctgi.maths.directions import TEA_ROUNDS, kronecker_points, random_unit
@@ -148,7 +148,7 @@ def light_volume(
     with clock("downsampling"):
         opacity, lit = downsample(opacity, emittance)
         assert lit is not None, "downsampling keeps the emittance it is given"
-        volume = interleave(opacity, lit)
+        volume = pack_volume(opacity, lit)
     return LitVolume(volume, lit.lost_flux_share, sum(m.texel_count for m in maps))
 
 

@@ -20,7 +20,7 @@ from tests.vctgi.hand_made_volumes import (
 )
 from tests.vctgi.small_scenes import area_light, camera, color, diffuse, load, room
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
-from vctgi.clipmap.storage import interleave
+from vctgi.clipmap.storage import pack_volume
 from vctgi.config import preset
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.pipeline import light_volume, prepare_scene, render_frame
@@ -116,7 +116,7 @@ def test_mirrored_cones_see_the_same_in_a_mirrored_volume() -> None:
         # In storage order voxel x mirrors to voxel -1 - x, and so does its texel.
         symmetric_alphas.append(0.5 * (alpha + mirrored_table(alpha)))
         symmetric_colors.append(0.5 * (emitted + mirrored_table(emitted)))
-    volume = interleave(opacity_of(where, symmetric_alphas), emittance_of(where, symmetric_colors))
+    volume = pack_volume(opacity_of(where, symmetric_alphas), emittance_of(where, symmetric_colors))
     rng = np.random.default_rng(2)
     count = 500
     apex = rng.uniform(-3.0, 3.0, (count, 3))

@@ -13,7 +13,7 @@ from tests.vctgi.hand_made_volumes import surfaces_of
 from tests.vctgi.small_scenes import SceneDict, load, oblique, rotation_matrix
 from tests.vctgi.surface_points import surface_points
 from vctgi.clipmap.levels import lay_out_clipmap
-from vctgi.clipmap.storage import VoxelVolume, interleave
+from vctgi.clipmap.storage import VoxelVolume, pack_volume
 from vctgi.config import PRESETS
 from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
@@ -111,7 +111,7 @@ def lit_volume(emitter: Square, receiver: Square, phase: tuple[float, float, flo
     )
     opacity, emittance = downsample(opacity, inject_light([texels], opacity))
     assert emittance is not None
-    return interleave(opacity, emittance)
+    return pack_volume(opacity, emittance)
 
 
 def received(

@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 
 from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
-from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap, VoxelVolume, interleave
+from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap, VoxelVolume, pack_volume
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.scene.surfaces import VoxelSurfaces
 
@@ -69,4 +69,4 @@ def homogeneous_volume(
         np.full(shape, opacity(level)) for shape, level in zip(shapes, layout.levels, strict=True)
     ]
     colors = [np.repeat(radiance * a[..., None], 3, axis=-1) for a in alphas]
-    return interleave(opacity_of(layout, alphas), emittance_of(layout, colors))
+    return pack_volume(opacity_of(layout, alphas), emittance_of(layout, colors))

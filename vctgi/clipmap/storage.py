@@ -8,6 +8,7 @@ alpha.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import drjit as dr
 import mitsuba as mi
@@ -57,6 +58,19 @@ class EmittanceClipmap:
     lost_flux_share: list[float]
 
 
+@dataclass(frozen=True, kw_only=True)
+class StorageConfig:
+    """How voxels are stored for reading."""
+
+    format: Literal["float32"] = "float32"
+    """What a channel of a voxel is stored as."""
+
+    def __post_init__(self) -> None:
+        """Refuse formats that do not exist."""
+        if self.format not in get_args(Literal["float32"]):
+            raise ValueError(f'StorageConfig.format must be "float32", got {self.format!r}.')
+
+
 @dataclass
 class VoxelVolume:
     """Opacity and emittance interleaved for reading: what cones march through.
@@ -76,7 +90,9 @@ class VoxelVolume:
     texels: mi.Float
 
 
-def interleave(opacity: OpacityClipmap, emittance: EmittanceClipmap) -> VoxelVolume:
+def pack_volume(
+    opacity: OpacityClipmap, emittance: EmittanceClipmap, config: StorageConfig = StorageConfig()
+) -> VoxelVolume:
     """Put opacity and emittance of the same layout side by side for reading."""
     layout = opacity.layout
     assert layout == emittance.layout, "opacity and emittance must share one layout"

@@ -20,7 +20,7 @@ from tests.vctgi.twins.reading import HostVolume
 from tests.vctgi.twins.reading import read_medium as slow_read
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
 from vctgi.clipmap.sampling import OPTICAL_DEPTH_CAP, optical_depth, read_medium
-from vctgi.clipmap.storage import interleave
+from vctgi.clipmap.storage import pack_volume
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -38,7 +38,7 @@ def layout() -> ClipmapLayout:
 def test_equals_the_twin() -> None:
     where = layout()
     alphas, colors = random_values(where, seed=5)
-    device = interleave(opacity_of(where, alphas), emittance_of(where, colors))
+    device = pack_volume(opacity_of(where, alphas), emittance_of(where, colors))
     host = HostVolume(where, alphas, colors)
     rng = np.random.default_rng(11)
     count = 200

@@ -18,7 +18,7 @@ from tests.vctgi.hand_made_volumes import (
 from tests.vctgi.twins.marching import march
 from tests.vctgi.twins.reading import HostVolume
 from vctgi.clipmap.levels import lay_out_clipmap
-from vctgi.clipmap.storage import VoxelVolume, interleave
+from vctgi.clipmap.storage import VoxelVolume, pack_volume
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, ConeSample, march_cone
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -59,7 +59,7 @@ def test_equals_the_twin(level_count: int, bias: float) -> None:
     # Thin enough that cones reach far.
     alphas, colors = random_values(layout, seed=2, empty_share=0.7)
     alphas, colors = [0.3 * a for a in alphas], [0.3 * c for c in colors]
-    device = interleave(opacity_of(layout, alphas), emittance_of(layout, colors))
+    device = pack_volume(opacity_of(layout, alphas), emittance_of(layout, colors))
     host = HostVolume(layout, alphas, colors)
     config = ConeMarchConfig(level_bias=bias)
     rng = np.random.default_rng(4)
