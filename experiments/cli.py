@@ -194,6 +194,48 @@ def gate(  # noqa: PLR0913 - the options of a command
 
 
 @app.command
+def study(
+    name: str | None = None,
+    *,
+    quick: Annotated[
+        bool, Parameter(negative="", help="A smaller version, a minute on two cores.")
+    ] = False,
+    only: Annotated[
+        str | None, Parameter(help="Measure only the checks whose name holds this text.")
+    ] = None,
+    resume: Annotated[
+        bool, Parameter(negative="", help="Keep numbers that the same code has measured before.")
+    ] = False,
+    output: Annotated[Path | None, Parameter(help="Folder for pictures.")] = None,
+    variant: Variant = None,
+    cache: Cache = None,
+    json_file: JsonFile = None,
+) -> int:
+    """Run a named experiment; exit 1 when one of its numbers misses its limit.
+
+    Without a NAME, list the studies.
+    """
+    from experiments.studies.command import run_study, study_titles
+
+    if name is None:
+        titles = study_titles()
+        width = max(map(len, titles))
+        lines = [f"{each.ljust(width)}  {title}" for each, title in titles.items()]
+        _finish(lines, titles, json_file)
+        return EXIT_DONE
+    return run_study(
+        name,
+        quick=quick,
+        only=only,
+        resume=resume,
+        output=output,
+        variant=variant,
+        cache=cache,
+        json_file=json_file,
+    )
+
+
+@app.command
 def doctor(*, json_file: JsonFile = None) -> int:
     """Show back ends, LLVM, driver and versions, and how to fix what is missing."""
     from experiments.doctor import diagnose, report_lines

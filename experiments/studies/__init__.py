@@ -1,0 +1,1 @@
+"""Named experiments: each asks one question of the renderer and answers it in checked numbers."""

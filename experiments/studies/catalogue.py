@@ -1,0 +1,78 @@
+"""The studies by name. Nothing is imported before it is asked for: some import Mitsuba."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Protocol, cast
+
+from experiments.errors import InputError
+from experiments.studies.check import Check
+
+
+class StudyModule(Protocol):
+    """What the module of a study holds."""
+
+    def checks(self) -> list[Check]:
+        """Return all that the study would measure, in the order of its table."""
+
+
+@dataclass(frozen=True)
+class StudyEntry:
+    """One study: where it is, and its question."""
+
+    module: str
+    title: str
+
+
+STUDIES = {
+    "representation": StudyEntry(
+        "experiments.studies.representation",
+        "How exact are the voxels themselves, without cones or light maps to blame?",
+    ),
+}
+"""Studies by name."""
+
+
+def find_study(name: str) -> StudyEntry:
+    """Return a study.
+
+    Raises
+    ------
+    InputError
+        No study of that name.
+    """
+    if name not in STUDIES:
+        raise InputError(
+            what=f"no study '{name}'", where="the command line", remedy=f"use {', '.join(STUDIES)}"
+        )
+    return STUDIES[name]
+
+
+def checks_of(entry: StudyEntry) -> list[Check]:
+    """Return the checks of a study; Mitsuba's variant must be set."""
+    module = cast(StudyModule, import_module(entry.module))
+    found = module.checks()
+    names = [check.name for check in found]
+    repeated = {name for name in names if names.count(name) > 1}
+    assert not repeated, f"{entry.module}: checks of one name: {sorted(repeated)}"
+    return found
+
+
+def select_checks(found: list[Check], only: str | None) -> list[Check]:
+    """Return the checks whose name holds `only`; a whole name selects that one alone.
+
+    Raises
+    ------
+    InputError
+        None does.
+    """
+    if only is None:
+        return found
+    wanted = only.casefold()
+    exact = [check for check in found if check.name.casefold() == wanted]
+    chosen = exact or [check for check in found if wanted in check.name.casefold()]
+    if not chosen:
+        names = "; ".join(check.name for check in found)
+        raise InputError(what=f"no check holds '{only}'", where="--only", remedy=f"one of: {names}")
+    return chosen

@@ -1,0 +1,115 @@
+"""`vctgi study`: measure, print a table as the numbers come, say whether all pass."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import cast
+
+from experiments.errors import EXIT_DONE, EXIT_FAILED
+from experiments.machine import BackendName, describe_machine
+from experiments.progress import ProgressReport
+from experiments.session import start_mitsuba, writable_file, writable_folder
+from experiments.studies.catalogue import STUDIES, checks_of, find_study, select_checks
+from experiments.studies.check import StudyContext
+from experiments.studies.ledger import Ledger
+from experiments.studies.run import run_checks
+from experiments.studies.table import head_line, row_line
+from reference import default_cache_directory
+from reports.study_record import StudyRecord, StudyRow
+
+QUICK_NOTE = "This is the quick version: fewer repetitions and points, wider intervals."
+
+
+def study_titles() -> dict[str, str]:
+    """Return the question of each study, by name."""
+    return {name: entry.title for name, entry in STUDIES.items()}
+
+
+def run_study(
+    name: str,
+    *,
+    quick: bool,
+    only: str | None,
+    resume: bool,
+    variant: str | None,
+    cache: Path | None,
+    output: Path | None,
+    json_file: Path | None,
+) -> int:
+    """Run a study and return the exit code: 1 when a row does not pass.
+
+    Raises
+    ------
+    InputError
+        No such study or check, or a file that cannot be written; nothing was measured.
+    """
+    entry = find_study(name)
+    chosen_variant = start_mitsuba(variant)
+    chosen = select_checks(checks_of(entry), only)
+    if output is not None:
+        writable_folder(output)
+    if json_file is not None:
+        writable_file(json_file, "--json")
+    kept = writable_folder(cache or default_cache_directory(), "--cache")
+    ledger = Ledger(kept / "studies" / f"{name}.jsonl", f"{chosen_variant} quick={quick}")
+
+    rows: list[StudyRow] = []
+    stream = _line_writer()
+    with ProgressReport() as progress:
+        context = StudyContext(quick=quick, progress=progress, output=output)
+        if quick:
+            stream(QUICK_NOTE)
+        stream(head_line())
+        found = run_checks(name, chosen, context, ledger, resume=resume)
+        configuration = ""
+        for number, check in enumerate(chosen, start=1):
+            progress.start_scene(f"{name}: {check.name}", number, len(chosen))
+            row = next(found)
+            if row.configuration != configuration:
+                configuration = row.configuration
+                stream(f"  with {configuration}")
+            stream(row_line(row))
+            rows.append(row)
+    failed = sum(not row.passed for row in rows)
+    stream(f"{len(rows) - failed} of {len(rows)} passed" + (f", {failed} FAILED" if failed else ""))
+    if json_file is not None:
+        command = _command(name, quick=quick, only=only)
+        record = StudyRecord(
+            study=name,
+            quick=quick,
+            created=datetime.now(UTC),
+            command=command,
+            rows=rows,
+            machine=describe_machine(cast(BackendName, chosen_variant)),
+        )
+        json_file.write_text(record.model_dump_json(indent=1) + "\n", encoding="utf-8")
+    return EXIT_FAILED if failed else EXIT_DONE
+
+
+def _command(name: str, *, quick: bool, only: str | None) -> str:
+    parts = ["vctgi", "study", name]
+    if quick:
+        parts.append("--quick")
+    if only is not None:
+        parts += ["--only", only]
+    return shlex.join(parts)
+
+
+def _line_writer() -> Callable[[str], None]:
+    """Return what prints a line of the result at once.
+
+    On a terminal the progress bar has to make room, which `print` lets it do; elsewhere the lines
+    go straight to where standard output led before the bar began.
+    """
+    before = sys.stdout
+
+    def write(line: str) -> None:
+        stream = sys.stdout if before.isatty() else before
+        stream.write(line + "\n")
+        stream.flush()
+
+    return write

@@ -1,0 +1,56 @@
+"""Running the checks of a study: each number is yielded as soon as it is known."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Iterator
+
+from experiments.studies.check import Check, Measured, StudyContext
+from experiments.studies.ledger import Ledger
+from reports.study_record import StudyRow, is_within
+
+
+def run_checks(
+    study: str, chosen: list[Check], context: StudyContext, ledger: Ledger, *, resume: bool
+) -> Iterator[StudyRow]:
+    """Measure checks one after the other.
+
+    Parameters
+    ----------
+    study
+        Name of the study, for the command that a row names.
+    chosen
+        What to measure.
+    context
+        Handed to each measurement.
+    ledger
+        Where finished numbers are kept.
+    resume
+        Whether numbers that are in the ledger are taken from it.
+    """
+    for check in chosen:
+        measured = ledger.find(check) if resume else None
+        if measured is None:
+            measured = check.measure(context)
+            ledger.add(check, measured)
+        yield make_row(study, check, measured, quick=context.quick)
+
+
+def make_row(study: str, check: Check, measured: Measured, *, quick: bool) -> StudyRow:
+    """Return the row of a measured check."""
+    size = " --quick" if quick else ""
+    is_number = math.isfinite(measured.value)
+    return StudyRow(
+        check=check.name,
+        configuration=check.configuration,
+        scene=check.scene,
+        value=measured.value if is_number else None,
+        low=measured.low if is_number else None,
+        high=measured.high if is_number else None,
+        limit_low=check.limit_low,
+        limit_high=check.limit_high,
+        goal=check.goal,
+        passed=is_within(measured.value, check.limit_low, check.limit_high),
+        how=f"vctgi study {study}{size} --only {shlex.quote(check.name)}",
+    )
