@@ -11,7 +11,7 @@ import pytest
 from tests.oracles.lights import FIXED_POINT, finite_lights, layout, shadow_maps, total
 from tests.vctgi.hand_made_volumes import opacity_of
 from tests.vctgi.small_scenes import grey, load, oblique, room
-from vctgi.clipmap.slots import SLOPED_BELOW
+from vctgi.clipmap.slots import DEFAULT_RULE
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.stages.light_injection import inject_light
@@ -46,7 +46,7 @@ def test_injected_flux_is_projected_rsm_flux_on_slanted_walls(name: str) -> None
     for texels in maps:
         facing = np.abs(np.array(texels.normal, dtype=np.float64))
         # Sloped surfaces also fill the voxel behind, with the same radiance.
-        copies = 1 + (facing < SLOPED_BELOW)
+        copies = 1 + (facing < DEFAULT_RULE.sloped_below)
         expected += np.array(texels.reflected_flux, np.float64) @ (facing * copies).sum(axis=0)
     np.testing.assert_allclose(found, expected, rtol=FIXED_POINT)
     assert lost == 0.0

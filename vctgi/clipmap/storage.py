@@ -15,6 +15,7 @@ import mitsuba as mi
 
 from vctgi.clipmap.addressing import LevelTable, level_table
 from vctgi.clipmap.levels import ClipmapLayout
+from vctgi.clipmap.slots import DEFAULT_RULE, SlotRule
 from vctgi.maths.directions import DIRECTION_COUNT
 
 TEXEL_CHANNELS = 4
@@ -32,10 +33,13 @@ class OpacityClipmap:
     levels
         For each level the flat opacities [direction, z, y, x], in [0, 1]: the share of light that
         one voxel of the level stops along that direction of travel.
+    rule
+        How thick the surfaces were made, which their light has to follow.
     """
 
     layout: ClipmapLayout
     levels: list[mi.Float]
+    rule: SlotRule = DEFAULT_RULE
 
 
 @dataclass

@@ -51,7 +51,7 @@ def downsample(
         if merged_color is not None:
             colors.append(merged_color)
     lit = EmittanceClipmap(layout, colors, list(emittance.lost_flux_share)) if emittance else None
-    return OpacityClipmap(layout, alphas), lit
+    return OpacityClipmap(layout, alphas, opacity.rule), lit
 
 
 def _downsample_level(

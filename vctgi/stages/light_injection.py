@@ -14,7 +14,7 @@ import mitsuba as mi
 
 from vctgi.clipmap.addressing import texel_from_voxel
 from vctgi.clipmap.levels import LevelLayout
-from vctgi.clipmap.slots import BEHIND_NUDGE, surface_slot
+from vctgi.clipmap.slots import filled_layers, surface_slot
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
 from vctgi.maths.directions import DIRECTION_COUNT, other_axes
 from vctgi.scene.records import ReflectiveShadowMap
@@ -50,19 +50,19 @@ def inject_light(maps: list[ReflectiveShadowMap], opacity: OpacityClipmap) -> Em
             levels.append(dr.zeros(mi.Color3f, DIRECTION_COUNT * level.voxel_count))
             continue
         lighting = [m for m in maps if m.level in (None, level.level)]
-        emittance, lost_share = _inject_level(lighting, opacity.levels[level.level], level)
+        emittance, lost_share = _inject_level(lighting, opacity, level)
         levels.append(emittance)
         lost_shares.append(lost_share)
     return EmittanceClipmap(layout, levels, lost_shares)
 
 
 def _inject_level(
-    maps: list[ReflectiveShadowMap], alpha: mi.Float, level: LevelLayout
+    maps: list[ReflectiveShadowMap], opacity: OpacityClipmap, level: LevelLayout
 ) -> tuple[mi.Color3f, float]:
     """Emittance of one level, and the share of the flux in its window that was lost."""
     count = DIRECTION_COUNT * level.voxel_count
-    per_flux = 1.0 / (math.pi * level.voxel_size**2)
-    total = sum(float(dr.sum(dr.max(m.reflected_flux))[0]) for m in maps) * per_flux
+    total = sum(float(dr.sum(dr.max(m.reflected_flux))[0]) for m in maps)
+    total *= _radiance_per_flux(level)
     if total == 0.0:
         return dr.zeros(mi.Color3f, count), 0.0
     if not math.isfinite(total):
@@ -76,7 +76,7 @@ def _inject_level(
     found, lost = 0.0, 0.0
     for rsm in maps:
         for axis in range(3):
-            found_here, lost_here = _scatter(sums, rsm, alpha, level, axis, per_flux, scale)
+            found_here, lost_here = _scatter(sums, rsm, opacity, level, axis, scale)
             found += found_here
             lost += lost_here
     emittance = mi.Color3f(*(mi.Float(mi.Float64(s) / scale) for s in sums))
@@ -87,41 +87,39 @@ def _inject_level(
 def _scatter(
     sums: list[mi.Int64],
     rsm: ReflectiveShadowMap,
-    alpha: mi.Float,
+    opacity: OpacityClipmap,
     level: LevelLayout,
     axis: int,
-    per_flux: float,
     scale: float,
 ) -> tuple[float, float]:
     """Add the texels of one map to the slots of one axis; return what was found and lost."""
-    slot = surface_slot(mi.Float(rsm.normal[axis]))
-    facing = dr.abs(rsm.normal[axis])
-    value = rsm.reflected_flux * (facing * per_flux)
-    local = rsm.position / level.voxel_size - mi.Point3f(*level.origin)
-    # Along the axis the voxel lies behind the surface; across it the point says where.
-    local[axis] += mi.Float(slot.behind) * BEHIND_NUDGE
-    voxel = mi.Vector3i(dr.floor(local))
+    alpha = opacity.levels[level.level]
+    slot = surface_slot(mi.Float(rsm.normal[axis]), opacity.rule)
+    value = rsm.reflected_flux * (dr.abs(rsm.normal[axis]) * _radiance_per_flux(level))
+    place = rsm.position / level.voxel_size
+    voxel = mi.Vector3i(dr.floor(place)) - mi.Vector3i(*level.origin)
     u, v = other_axes(axis)
-    is_across = (
-        _is_held(mi.Int32(voxel[u]), level) & _is_held(mi.Int32(voxel[v]), level) & slot.is_facing
-    )
+    is_across = _is_held(mi.Int32(voxel[u]), level) & _is_held(mi.Int32(voxel[v]), level)
 
     found, lost = 0.0, 0.0
-    for is_behind in (False, True):
-        depth = mi.Int32(voxel[axis] + slot.behind if is_behind else voxel[axis])
-        active = is_across & _is_held(depth, level)
-        if is_behind:
-            active &= slot.is_sloped
+    for number, (layer, is_filled) in enumerate(filled_layers(mi.Float(place[axis]), slot)):
+        depth = layer - level.origin[axis]
+        active = is_across & is_filled & _is_held(depth, level)
         index = _slot_index(voxel, depth, axis, slot.side, level)
         is_seen = active & (dr.gather(mi.Float, alpha, index, active) > 0.0)
         for channel in range(3):
             amount = mi.Int64(dr.round(mi.Float64(value[channel]) * scale))
             dr.scatter_reduce(dr.ReduceOp.Add, sums[channel], amount, index, is_seen)
-        if not is_behind:
+        if number == 0:
             brightness = mi.Float(dr.mean(value))
             found = _total(brightness, is_seen)
             lost = _total(brightness, active & ~is_seen)
     return found, lost
+
+
+def _radiance_per_flux(level: LevelLayout) -> float:
+    """Emittance that a watt of reflected flux adds to a voxel which faces it squarely."""
+    return 1.0 / (math.pi * level.voxel_size**2)
 
 
 def _total(value: mi.Float, active: mi.Bool) -> float:

@@ -1,24 +1,82 @@
 """Opacity of every clip level by voxelizing all surfaces at that level's own resolution.
 
 The opacity of a voxel along a direction is the covered share of its face across that direction by
-surfaces that a ray travelling so meets from their front. The mips behind the coarsest level are
-left at zero; downsampling fills them, and replaces what a finer window covers.
+surfaces that a ray travelling so meets from their front. One code path fills any box of any level,
+so an update of what became stale equals a rebuild. The mips behind the coarsest level are left at
+zero; downsampling fills them, and replaces what a finer window covers.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
+from vctgi.clipmap.addressing import texel_from_voxel
 from vctgi.clipmap.levels import ClipmapLayout
+from vctgi.clipmap.regions import Region, window_region
+from vctgi.clipmap.slots import SlotRule
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.scene.surfaces import VoxelSurfaces
-from vctgi.stages.voxelization.coverage import CELLS_PER_EDGE, DeviceTriangles, coverage_masks
+from vctgi.stages.voxelization.cells import mark_cells
+from vctgi.stages.voxelization.columns import CELLS_PER_EDGE, enumerate_columns, region_table
+from vctgi.stages.voxelization.triangles import DeviceTriangles, upload_triangles
+
+Coverage = Literal["cells"]
+
+WORDS_PER_PASS = 1 << 27
+"""64-bit words of coverage that are held at a time (1 GiB); more is done in several passes."""
+
+MAX_SUPERSAMPLING = 8
 
 
-def voxelize_opacity(surfaces: VoxelSurfaces, layout: ClipmapLayout) -> OpacityClipmap:
+@dataclass(frozen=True, kw_only=True)
+class OpacityVoxelizationConfig:
+    """How surfaces become opacity."""
+
+    coverage: Coverage = "cells"
+    """How the covered share of a face is found. "cells": an 8 x 8 grid of cell centres along each
+    axis."""
+    max_supersampling: int = 1
+    """Largest factor by which the cells of coarse levels are divided: level l has 8 x 2^l cells
+    along an edge, up to 8 x this; a power of two in 1 .. 8."""
+    is_two_sided: bool = False
+    """Whether a surface also stops rays that meet it from behind."""
+    slots: SlotRule = field(default_factory=SlotRule)
+    """How thick surfaces are made."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is not offered."""
+        if self.coverage not in get_args(Coverage):
+            raise ValueError(
+                "OpacityVoxelizationConfig.coverage must be one of "
+                f"{', '.join(get_args(Coverage))}, "
+                f"got '{self.coverage}'."
+            )
+        factor = self.max_supersampling
+        if not 1 <= factor <= MAX_SUPERSAMPLING or factor & (factor - 1):
+            raise ValueError(
+                "OpacityVoxelizationConfig.max_supersampling must be a power of two in "
+                f"1 .. {MAX_SUPERSAMPLING}, got {factor}."
+            )
+
+    def supersampling(self, level: int) -> int:
+        """Factor by which the cells of a level are divided."""
+        return min(1 << level, self.max_supersampling)
+
+
+DEFAULT_CONFIG = OpacityVoxelizationConfig()
+
+
+def voxelize_opacity(
+    surfaces: VoxelSurfaces,
+    layout: ClipmapLayout,
+    config: OpacityVoxelizationConfig = DEFAULT_CONFIG,
+) -> OpacityClipmap:
     """Voxelize surfaces at every clip level.
 
     Parameters
@@ -27,63 +85,97 @@ def voxelize_opacity(surfaces: VoxelSurfaces, layout: ClipmapLayout) -> OpacityC
         Sides of triangles, front-facing as they are wound.
     layout
         Windows to fill.
+    config
+        Sampling and thickness.
 
     Returns
     -------
     OpacityClipmap
-        Coverage in steps of 1 / 64; zero in the mips.
+        Coverage in steps of 1 / 64, finer where supersampled; zero in the mips.
 
     References
     ----------
     [Panteleev2014], slides "Voxelization for opacity".
     """
-    batches = upload_triangles(surfaces)
-    levels = []
-    for level in layout.levels:
-        opacity = dr.zeros(mi.Float, DIRECTION_COUNT * level.voxel_count)
-        if level.level < layout.clip_level_count:
-            for axis in range(3):
-                masks = coverage_masks(batches, level, axis)
-                covered = mi.Float(dr.popcnt(masks)) * (1.0 / CELLS_PER_EDGE**2)
-                index = dr.arange(mi.UInt32, 2 * level.voxel_count) + 2 * axis * level.voxel_count
-                dr.scatter(opacity, covered, index)
-                dr.eval(opacity)
-        levels.append(opacity)
-    return OpacityClipmap(layout, levels)
+    levels = [dr.zeros(mi.Float, DIRECTION_COUNT * level.voxel_count) for level in layout.levels]
+    regions = [window_region(level) for level in layout.clip_levels]
+    fill_regions(levels, upload_triangles(surfaces), regions, config)
+    return OpacityClipmap(layout, levels, config.slots)
 
 
-def upload_triangles(surfaces: VoxelSurfaces) -> list[DeviceTriangles]:
-    """Copy surfaces to the device, one batch for the opaque ones and one for each mask."""
-    batches = []
-    for mask_index in range(-1, len(surfaces.masks)):
-        chosen = np.flatnonzero(surfaces.mask_index == mask_index)
-        if len(chosen) == 0:
-            continue
-        vertices = surfaces.vertices[chosen]
-        normal = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        # A wall that rounding tilts a little must not gain a slot across its plane.
-        normal[np.abs(normal) < FLAT_NORMAL] = 0.0
-        batches.append(
-            DeviceTriangles(
-                corners=[
-                    [mi.Float64(np.ascontiguousarray(vertices[:, c, i])) for i in range(3)]
-                    for c in range(3)
-                ],
-                uv=[
-                    mi.Point2f(np.ascontiguousarray(surfaces.uv[chosen, c].T.astype(np.float32)))
-                    for c in range(3)
-                ],
-                normal=[
-                    mi.Float(np.ascontiguousarray(normal[:, i].astype(np.float32)))
-                    for i in range(3)
-                ],
-                count=len(chosen),
-                mask=None if mask_index < 0 else surfaces.masks[mask_index],
-            )
-        )
-    return batches
+def fill_regions(
+    levels: list[mi.Float],
+    triangles: list[DeviceTriangles],
+    regions: Sequence[Region],
+    config: OpacityVoxelizationConfig,
+) -> None:
+    """Overwrite the opacity of boxes of voxels.
+
+    Parameters
+    ----------
+    levels
+        Opacities [direction, z, y, x] of each level at toroidal addresses; changed in place.
+    triangles
+        All surfaces.
+    regions
+        Boxes to fill; what lies outside is left as it is.
+    config
+        Sampling and thickness.
+    """
+    for group in _passes(regions, config):
+        factors = [config.supersampling(region.level.level) for region in group]
+        table = region_table(group, factors)
+        masks = dr.zeros(mi.UInt64, table.word_count)
+        for batch in triangles:
+            for columns in enumerate_columns(batch, table, config.slots):
+                mark_cells(masks, columns, table, batch.mask, batch.uv)
+                dr.eval(masks)
+        offset = 0
+        for region, factor in zip(group, factors, strict=True):
+            _write(levels[region.level.level], masks, region, factor, offset, config)
+            offset += DIRECTION_COUNT * factor**2 * region.voxel_count
+        dr.eval([levels[region.level.level] for region in group])
 
 
-FLAT_NORMAL = 1e-6
-"""Normal components below this are the rounding of single-precision vertices."""
+def _passes(regions: Sequence[Region], config: OpacityVoxelizationConfig) -> Iterator[list[Region]]:
+    """Split and group boxes so that the words of each group fit the memory of a pass."""
+    group: list[Region] = []
+    held = 0
+    for region in regions:
+        words = DIRECTION_COUNT * config.supersampling(region.level.level) ** 2
+        for part in region.split(WORDS_PER_PASS // words):
+            if held + words * part.voxel_count > WORDS_PER_PASS:
+                yield group
+                group, held = [], 0
+            group.append(part)
+            held += words * part.voxel_count
+    if group:
+        yield group
+
+
+def _write(
+    opacity: mi.Float,
+    masks: mi.UInt64,
+    region: Region,
+    factor: int,
+    offset: int,
+    config: OpacityVoxelizationConfig,
+) -> None:
+    """Turn the covered cells of a box into opacity at the texels of its level."""
+    volume, level = region.voxel_count, region.level
+    lane = dr.arange(mi.UInt32, DIRECTION_COUNT * volume)
+    slot, place = lane // volume, lane % volume
+    width, height, _ = region.shape
+    local = (place % width, (place // width) % height, place // (width * height))
+    voxel = mi.Vector3i([mi.Int32(i) + low for i, low in zip(local, region.low, strict=True)])
+    covered = mi.UInt32(0)
+    for sub_face in range(factor**2):
+        word = offset + (slot * factor**2 + sub_face) * volume + place
+        bits = dr.gather(mi.UInt64, masks, word)
+        if config.is_two_sided:
+            other = offset + ((slot ^ 1) * factor**2 + sub_face) * volume + place
+            bits |= dr.gather(mi.UInt64, masks, other)
+        covered += mi.UInt32(dr.popcnt(bits))
+    share = mi.Float(covered) * (1.0 / (factor * CELLS_PER_EDGE) ** 2)
+    texel = texel_from_voxel(voxel, level.resolution) + slot * level.voxel_count
+    dr.scatter(opacity, share, texel)

@@ -11,9 +11,14 @@ from hypothesis.extra.numpy import arrays
 from tests.vctgi.hand_made_volumes import surfaces_of
 from tests.vctgi.twins.voxelization import voxelize
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
+from vctgi.clipmap.slots import SlotRule
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.scene.triangles import is_degenerate
-from vctgi.stages.voxelization.opacity import voxelize_opacity
+from vctgi.stages.voxelization.opacity import (
+    DEFAULT_CONFIG,
+    OpacityVoxelizationConfig,
+    voxelize_opacity,
+)
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -38,13 +43,15 @@ def in_window(voxels: np.ndarray) -> np.ndarray:
     return world
 
 
-def assert_equals_twin(vertices: np.ndarray) -> list[np.ndarray]:
-    found = voxelize_opacity(surfaces_of(vertices), layout())
+def assert_equals_twin(
+    vertices: np.ndarray, config: OpacityVoxelizationConfig = DEFAULT_CONFIG
+) -> list[np.ndarray]:
+    found = voxelize_opacity(surfaces_of(vertices), layout(), config)
     tables = []
     for level in layout().clip_levels:
         shape = (DIRECTION_COUNT,) + (level.resolution,) * 3
         table = np.array(found.levels[level.level], dtype=np.float64).reshape(shape)
-        np.testing.assert_array_equal(table, voxelize(vertices, level))
+        np.testing.assert_array_equal(table, voxelize(vertices, level, config))
         tables.append(table)
     return tables
 
@@ -66,6 +73,35 @@ def test_random_triangles_equal_the_twin(corners: np.ndarray) -> None:
     vertices = in_window(corners)
     assume(not is_degenerate(vertices).any())
     assert_equals_twin(vertices)
+
+
+CONFIGS = {
+    "thin": OpacityVoxelizationConfig(slots=SlotRule(thickness_voxels=0.0)),
+    "half a voxel": OpacityVoxelizationConfig(slots=SlotRule(thickness_voxels=0.5)),
+    "thick everywhere": OpacityVoxelizationConfig(
+        slots=SlotRule(thickness_voxels=1.7, sloped_below=2.0)
+    ),
+    "nothing is sloped": OpacityVoxelizationConfig(slots=SlotRule(sloped_below=0.0)),
+    "two-sided": OpacityVoxelizationConfig(is_two_sided=True),
+    "supersampled": OpacityVoxelizationConfig(max_supersampling=2),
+}
+
+
+@settings(max_examples=12)
+@given(
+    corners=arrays(
+        np.float64,
+        st.tuples(st.integers(1, 3), st.just(3), st.just(3)),
+        elements=st.one_of(_ANYWHERE, _ON_GRID),
+    )
+)
+@pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS.keys())
+def test_every_option_equals_the_twin(
+    config: OpacityVoxelizationConfig, corners: np.ndarray
+) -> None:
+    vertices = in_window(corners)
+    assume(not is_degenerate(vertices).any())
+    assert_equals_twin(vertices, config)
 
 
 SPECIAL = {

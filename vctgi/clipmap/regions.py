@@ -1,0 +1,137 @@
+"""Boxes of voxels, and which of them a moved window or a changed object makes stale."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
+
+Corner = tuple[int, int, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Region:
+    """A box of voxels of one level.
+
+    Attributes
+    ----------
+    level
+        Window that the box lies in.
+    low, high
+        Lowest voxel, and the one past the highest, (x, y, z) in the level's lattice.
+    """
+
+    level: LevelLayout
+    low: Corner
+    high: Corner
+
+    @property
+    def shape(self) -> Corner:
+        """Voxels along x, y, z."""
+        x, y, z = (top - bottom for bottom, top in zip(self.low, self.high, strict=True))
+        return x, y, z
+
+    @property
+    def voxel_count(self) -> int:
+        """Voxels of the box."""
+        return math.prod(self.shape)
+
+    def split(self, max_voxel_count: int) -> Iterator[Region]:
+        """Yield parts of at most `max_voxel_count` voxels, halved along their longest edges."""
+        if self.voxel_count <= max_voxel_count or self.voxel_count == 1:
+            yield self
+            return
+        axis = int(np.argmax(self.shape))
+        middle = (self.low[axis] + self.high[axis]) // 2
+        yield from replace(self, high=_with(self.high, axis, middle)).split(max_voxel_count)
+        yield from replace(self, low=_with(self.low, axis, middle)).split(max_voxel_count)
+
+
+def _with(corner: Corner, axis: int, value: int) -> Corner:
+    changed = list(corner)
+    changed[axis] = value
+    x, y, z = changed
+    return x, y, z
+
+
+def window_region(level: LevelLayout) -> Region:
+    """Return all voxels of a level."""
+    x, y, z = (o + level.resolution for o in level.origin)
+    return Region(level=level, low=level.origin, high=(x, y, z))
+
+
+def intersection(first: Region, second: Region) -> Region | None:
+    """Return the voxels in both boxes of one lattice, or None; the level is that of `first`."""
+    low = tuple(max(a, b) for a, b in zip(first.low, second.low, strict=True))
+    high = tuple(min(a, b) for a, b in zip(first.high, second.high, strict=True))
+    if any(bottom >= top for bottom, top in zip(low, high, strict=True)):
+        return None
+    return Region(level=first.level, low=(low[0], low[1], low[2]), high=(high[0], high[1], high[2]))
+
+
+def difference(whole: Region, hole: Region) -> list[Region]:
+    """Return up to six disjoint boxes with the voxels of `whole` that are not in `hole`."""
+    kept = intersection(whole, hole)
+    if kept is None:
+        return [whole]
+    parts, rest = [], whole
+    for axis in range(3):
+        if rest.low[axis] < kept.low[axis]:
+            parts.append(replace(rest, high=_with(rest.high, axis, kept.low[axis])))
+            rest = replace(rest, low=_with(rest.low, axis, kept.low[axis]))
+        if rest.high[axis] > kept.high[axis]:
+            parts.append(replace(rest, low=_with(rest.low, axis, kept.high[axis])))
+            rest = replace(rest, high=_with(rest.high, axis, kept.high[axis]))
+    return parts
+
+
+def entered_regions(before: LevelLayout, after: LevelLayout) -> list[Region]:
+    """Return the voxels that a moved window holds now and did not hold before.
+
+    Levels of another voxel size or resolution have nothing in common: then all of them.
+    """
+    whole = window_region(after)
+    if (before.voxel_size, before.resolution) != (after.voxel_size, after.resolution):
+        return [whole]
+    return difference(whole, window_region(before))
+
+
+def world_region(
+    level: LevelLayout, low: np.ndarray, high: np.ndarray, margin_voxels: int
+) -> Region | None:
+    """Return the voxels of a window that a box in world units touches, and a margin around them."""
+    first = np.floor(np.asarray(low) / level.voxel_size).astype(np.int64) - margin_voxels
+    last = np.floor(np.asarray(high) / level.voxel_size).astype(np.int64) + 1 + margin_voxels
+    box = Region(
+        level=level,
+        low=(int(first[0]), int(first[1]), int(first[2])),
+        high=(int(last[0]), int(last[1]), int(last[2])),
+    )
+    return intersection(window_region(level), box)
+
+
+def covered_region(finer: LevelLayout, coarser: LevelLayout) -> Region | None:
+    """Return the voxels of a level whose eight children all lie in the next finer window."""
+    low = [-(-o // 2) for o in finer.origin]
+    high = [(o + finer.resolution) // 2 for o in finer.origin]
+    box = Region(level=coarser, low=(low[0], low[1], low[2]), high=(high[0], high[1], high[2]))
+    return intersection(window_region(coarser), box)
+
+
+def parent_region(child: Region, coarser: LevelLayout) -> Region | None:
+    """Return the voxels of the next coarser level that contain voxels of a box."""
+    low = [i // 2 for i in child.low]
+    high = [-(-i // 2) for i in child.high]
+    box = Region(level=coarser, low=(low[0], low[1], low[2]), high=(high[0], high[1], high[2]))
+    return intersection(window_region(coarser), box)
+
+
+def same_levels(first: ClipmapLayout, second: ClipmapLayout) -> bool:
+    """Whether two layouts have levels of the same sizes, wherever their windows stand."""
+    return [(x.voxel_size, x.resolution) for x in first.levels] == [
+        (x.voxel_size, x.resolution) for x in second.levels
+    ] and first.clip_level_count == second.clip_level_count

@@ -1,0 +1,278 @@
+"""Columns: which voxel columns a triangle may cover, seen along each axis.
+
+Along each axis a region is a square of voxel columns, each of which shows a face of 8 x 8 cells;
+supersampling splits the face into several such squares. A triangle is met by the columns that hold
+a cell centre within its bounds. All regions, axes and triangles are enumerated in one launch: first
+how many columns each triangle meets, then one lane for each column.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from vctgi.clipmap.regions import Region
+from vctgi.clipmap.slots import BEHIND_NUDGE, SlotRule, SurfaceSlot, surface_slot
+from vctgi.stages.voxelization.triangles import DeviceTriangles
+
+CELLS_PER_EDGE = 8
+"""Cells along an edge of a face; their 64 bits fit one word."""
+
+EDGE_TOLERANCE = 1e-6
+"""How far outside an edge, in cells, a centre still counts as covered: shared edges that rounding
+moves apart leave no cracks, and a bit set twice is set once."""
+
+VIEWS_PER_PASS = 1 << 23
+"""Triangles times regions times axes that are looked at together; bounds the memory of a pass."""
+
+COLUMNS_PER_PASS = 1 << 23
+"""Columns that are filled together; bounds the memory of a pass."""
+
+
+@dataclass
+class RegionTable:
+    """Regions as device arrays, to be looked up by a lane's own region.
+
+    Attributes
+    ----------
+    per_voxel
+        One over the voxel size, 1 / world units.
+    low, shape
+        Flat [region, axis], in voxels.
+    supersampling
+        Faces of 8 x 8 cells along an edge of a voxel.
+    offset
+        First word of the region in the result; a region has 6 x supersampling^2 words a voxel,
+        ordered [slot, sub-face, z, y, x].
+    word_count
+        Words of all regions.
+    """
+
+    per_voxel: mi.Float64
+    low: mi.Int32
+    shape: mi.Int32
+    supersampling: mi.UInt32
+    offset: mi.UInt32
+    word_count: int
+
+
+def region_table(regions: Sequence[Region], supersampling: Sequence[int]) -> RegionTable:
+    """Return `regions` as device arrays."""
+    offsets, total = [], 0
+    for region, factor in zip(regions, supersampling, strict=True):
+        offsets.append(total)
+        total += 6 * factor**2 * region.voxel_count
+    return RegionTable(
+        per_voxel=mi.Float64([1.0 / region.level.voxel_size for region in regions]),
+        low=mi.Int32([i for region in regions for i in region.low]),
+        shape=mi.Int32([i for region in regions for i in region.shape]),
+        supersampling=mi.UInt32(list(supersampling)),
+        offset=mi.UInt32(offsets),
+        word_count=total,
+    )
+
+
+@dataclass
+class FaceView:
+    """Triangles as seen along an axis of a region, each lane its own.
+
+    Attributes
+    ----------
+    region, axis, triangle
+        What is seen, along which axis, from which region.
+    u, v
+        Coordinates of the corners across the axis, in cells of the level's lattice.
+    depth
+        Coordinates along it, in voxels.
+    slot
+        Where the triangle goes along the axis.
+    low_depth, high_depth
+        Bounds of the depth, moved a little behind the surface.
+    """
+
+    region: mi.UInt32
+    axis: mi.UInt32
+    triangle: mi.UInt32
+    u: list[mi.Float64]
+    v: list[mi.Float64]
+    depth: list[mi.Float64]
+    slot: SurfaceSlot
+    low_depth: mi.Float64
+    high_depth: mi.Float64
+
+
+@dataclass
+class Columns:
+    """Columns of voxels that triangles may cover, a lane each.
+
+    Attributes
+    ----------
+    view
+        The triangle of each column.
+    face_u, face_v
+        Face of the column across the axis, in sub-faces of the level's lattice.
+    """
+
+    view: FaceView
+    face_u: mi.Int32
+    face_v: mi.Int32
+
+
+def view_along(
+    batch: DeviceTriangles,
+    table: RegionTable,
+    rule: SlotRule,
+    lanes: tuple[mi.UInt32, mi.UInt32, mi.UInt32],
+) -> FaceView:
+    """See triangles along axes from regions; `lanes` is (triangle, region, axis)."""
+    triangle, region, axis = lanes
+    per_voxel = dr.gather(mi.Float64, table.per_voxel, region)
+    cells = mi.Float64(CELLS_PER_EDGE * dr.gather(mi.UInt32, table.supersampling, region))
+    across = [(axis + 1) % 3, (axis + 2) % 3]
+
+    def along(which: mi.UInt32) -> list[mi.Float64]:
+        index = which * batch.count + triangle
+        return [dr.gather(mi.Float64, corner, index) * per_voxel for corner in batch.corners]
+
+    depth = along(axis)
+    slot = surface_slot(dr.gather(mi.Float, batch.normal, axis * batch.count + triangle), rule)
+    nudge = mi.Float64(slot.behind) * BEHIND_NUDGE
+    return FaceView(
+        region=region,
+        axis=axis,
+        triangle=triangle,
+        u=[u * cells for u in along(across[0])],
+        v=[v * cells for v in along(across[1])],
+        depth=depth,
+        slot=slot,
+        low_depth=dr.minimum(dr.minimum(depth[0], depth[1]), depth[2]) + nudge,
+        high_depth=dr.maximum(dr.maximum(depth[0], depth[1]), depth[2]) + nudge,
+    )
+
+
+def filled_depths(view: FaceView) -> tuple[mi.Float64, mi.Float64]:
+    """Depths between which the thickened triangle lies, in voxels."""
+    thickness = mi.Float64(view.slot.thickness)
+    is_upward = view.slot.behind > 0
+    low = view.low_depth - dr.select(is_upward, 0.0, thickness)
+    high = view.high_depth + dr.select(is_upward, thickness, 0.0)
+    return low, high
+
+
+def along_axis(values: mi.Int32, region: mi.UInt32, axis: mi.UInt32) -> mi.Int32:
+    """Component `axis` of the row `region` of a flat table [region, axis]."""
+    return dr.gather(mi.Int32, values, 3 * region + axis)
+
+
+def enumerate_columns(
+    batch: DeviceTriangles, table: RegionTable, rule: SlotRule, is_dominant_only: bool = False
+) -> Iterator[Columns]:
+    """Yield the columns that hold cell centres within the bounds of triangles, pass by pass.
+
+    Parameters
+    ----------
+    batch
+        Triangles.
+    table
+        Regions to fill.
+    rule
+        How thick surfaces are made.
+    is_dominant_only
+        Whether each triangle is seen along its axis of largest projected area alone.
+    """
+    pairs = 3 * dr.width(table.per_voxel)
+    chunk = max(1, VIEWS_PER_PASS // pairs)
+    for begin in range(0, batch.count, chunk):
+        count = min(chunk, batch.count - begin)
+        lane = dr.arange(mi.UInt32, count * pairs)
+        pair = lane // count
+        lanes = (lane % count + begin, pair // 3, pair % 3)
+        first_u, first_v, count_u, column_count = _bounds(
+            batch, table, rule, lanes, is_dominant_only
+        )
+        met = mi.UInt32(dr.compress(column_count > 0))
+        if dr.width(met) == 0:
+            continue
+        counts = dr.gather(mi.UInt32, column_count, met)
+        # Wide sums: a scene may ask for more columns than 32 bits count.
+        total = int(dr.sum(mi.UInt64(counts))[0])
+        if total >= 2**32:
+            raise ValueError(
+                f"enumerate_columns: {total} columns in one pass; lower the clipmap's resolution."
+            )
+        starts = dr.prefix_sum(counts)
+        dr.eval(starts)
+        for first in range(0, total, COLUMNS_PER_PASS):
+            last = min(first + COLUMNS_PER_PASS, total)
+            owner = _owners(starts, first, last)
+            local = dr.arange(mi.UInt32, last - first) + first - dr.gather(mi.UInt32, starts, owner)
+            view_lane = dr.gather(mi.UInt32, met, owner)
+            view_pair = view_lane // count
+            view = view_along(
+                batch, table, rule, (view_lane % count + begin, view_pair // 3, view_pair % 3)
+            )
+            # The unused lanes of the last SIMD packet gather 0, and the CPU traps a division by it.
+            row = dr.maximum(dr.gather(mi.UInt32, count_u, view_lane), 1)
+            yield Columns(
+                view=view,
+                face_u=dr.gather(mi.Int32, first_u, view_lane) + mi.Int32(local % row),
+                face_v=dr.gather(mi.Int32, first_v, view_lane) + mi.Int32(local // row),
+            )
+
+
+def _bounds(
+    batch: DeviceTriangles,
+    table: RegionTable,
+    rule: SlotRule,
+    lanes: tuple[mi.UInt32, mi.UInt32, mi.UInt32],
+    is_dominant_only: bool,
+) -> tuple[mi.Int32, mi.Int32, mi.UInt32, mi.UInt32]:
+    """First face along u and v, faces along u, and faces in all, of each triangle's bounds."""
+    view = view_along(batch, table, rule, lanes)
+    _, region, axis = lanes
+    factor = mi.Int32(dr.gather(mi.UInt32, table.supersampling, region))
+
+    def face_range(cells: list[mi.Float64], which: mi.UInt32) -> tuple[mi.Int32, mi.Int32]:
+        low = factor * along_axis(table.low, region, which)
+        high = low + factor * along_axis(table.shape, region, which) - 1
+        least = dr.minimum(dr.minimum(cells[0], cells[1]), cells[2])
+        most = dr.maximum(dr.maximum(cells[0], cells[1]), cells[2])
+        # Centres within the bounds; in double precision until clipped: far triangles overflow.
+        first = dr.floor(dr.ceil(least - 0.5 - EDGE_TOLERANCE) / CELLS_PER_EDGE)
+        last = dr.floor(dr.floor(most - 0.5 + EDGE_TOLERANCE) / CELLS_PER_EDGE)
+        first = dr.clip(first, mi.Float64(low), mi.Float64(high) + 1.0)
+        last = dr.clip(last, mi.Float64(low) - 1.0, mi.Float64(high))
+        return mi.Int32(first), mi.Int32(dr.maximum(last - first + 1.0, 0.0))
+
+    first_u, count_u = face_range(view.u, (axis + 1) % 3)
+    first_v, count_v = face_range(view.v, (axis + 2) % 3)
+    near, far = filled_depths(view)
+    low_layer = along_axis(table.low, region, axis)
+    high_layer = low_layer + along_axis(table.shape, region, axis)
+    is_met = (far >= mi.Float64(low_layer)) & (near < mi.Float64(high_layer)) & view.slot.is_facing
+    if is_dominant_only:
+        is_met &= axis == dominant_axis(batch, view.triangle)
+    column_count = dr.select(is_met, mi.UInt32(count_u * count_v), 0)
+    dr.eval(first_u, first_v, count_u, column_count)
+    return first_u, first_v, mi.UInt32(count_u), column_count
+
+
+def dominant_axis(batch: DeviceTriangles, triangle: mi.UInt32) -> mi.UInt32:
+    """Axis along which each triangle has its largest projection; the first of equals."""
+    x, y, z = (
+        dr.abs(dr.gather(mi.Float, batch.normal, axis * batch.count + triangle))
+        for axis in range(3)
+    )
+    first = dr.select(y > x, mi.UInt32(1), mi.UInt32(0))
+    return dr.select(z > dr.maximum(x, y), mi.UInt32(2), first)
+
+
+def _owners(starts: mi.UInt32, begin: int, end: int) -> mi.UInt32:
+    """Which run each number in [begin, end) belongs to; runs are not empty."""
+    before = int(mi.UInt32(dr.count(starts <= begin))[0]) - 1
+    is_new = dr.zeros(mi.UInt32, end - begin)
+    dr.scatter(is_new, mi.UInt32(1), starts - begin, (starts > begin) & (starts < end))
+    return before + dr.cumsum(is_new)
