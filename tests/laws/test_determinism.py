@@ -59,7 +59,7 @@ def test_same_voxels_twice() -> None:
     for _ in range(2):
         scene = furnished_room()
         prepared = prepare_scene(scene, scene.sensors()[0], config)
-        tables.append(np.array(light_volume(prepared, config).volume.texels))
+        tables.append(np.array(light_volume(prepared, config).volume.texels.words))
     np.testing.assert_array_equal(tables[0], tables[1])
 
 

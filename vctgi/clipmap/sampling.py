@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from vctgi.clipmap.neighbourhood import Layer, Neighbourhood, VoxelTexels, neighbourhood
 from vctgi.clipmap.slots import BEHIND_NUDGE, surface_slot
 from vctgi.clipmap.storage import VoxelVolume
-from vctgi.maths.directions import DIRECTION_COUNT, other_axes
 from vctgi.maths.stub_gaps import as_component
 
 OPTICAL_DEPTH_CAP = 6.0
@@ -43,19 +43,6 @@ class Medium:
     source: mi.Color3f
 
 
-@dataclass
-class _Corners:
-    """The 2^3 voxels around a point: for each axis two weights and two parts of an address."""
-
-    weights: list[tuple[mi.Float, mi.Float]]
-    parts: list[tuple[mi.UInt32, mi.UInt32]]  # what each axis adds to the address
-
-    def address(self, steps: list[int]) -> mi.UInt32:
-        """Address within a slot of the voxel at steps 0 or 1 along x, y, z."""
-        x, y, z = (self.parts[axis][steps[axis]] for axis in range(3))
-        return x + y + z
-
-
 def read_medium(
     volume: VoxelVolume, level: mi.UInt32, p_world: mi.Point3f, direction: mi.Vector3f
 ) -> Medium:
@@ -78,18 +65,15 @@ def read_medium(
         Sum over the axes k of |direction_k| times the optical depth of the slot that faces the
         ray, over the voxel size: the projected-area rule.
     """
-    row = dr.gather(mi.Vector4i, volume.table.origins, level)
-    offset = dr.gather(mi.UInt32, volume.table.voxel_offsets, level)
     voxel_size = volume.layout.finest_voxel_size * dr.exp2(mi.Float(level))
-    corners = _corners(p_world / as_component(voxel_size) - 0.5, row)
-    slot_stride = mi.UInt32(1) << (3 * mi.UInt32(row.w))
+    q = mi.Point3f(p_world / as_component(voxel_size) - 0.5)
+    around = neighbourhood(volume.table, level, q)
 
     extinction = mi.Float(0.0)
     source = mi.Color3f(0.0)
     for axis in range(3):
-        towards_lower = dr.select(direction[axis] < 0.0, mi.UInt32(1), mi.UInt32(0))
-        base = offset * DIRECTION_COUNT + (2 * axis + towards_lower) * slot_stride
-        depth, emitted = _read_axis(volume.texels, corners, base, axis)
+        side = dr.select(direction[axis] < 0.0, mi.UInt32(1), mi.UInt32(0))
+        depth, emitted = _read_axis(volume.texels, around, axis, side)
         share = as_component(dr.abs(direction[axis]) / voxel_size)
         extinction = dr.fma(share, depth, extinction)
         source = dr.fma(share, emitted, source)
@@ -130,28 +114,18 @@ def read_surface(
     that voxels which a surface hardly touches hardly count. Along the axis there is no
     interpolation: the layer is the one that the surface itself was written to.
     """
-    row = dr.gather(mi.Vector4i, volume.table.origins, level)
-    offset = dr.gather(mi.UInt32, volume.table.voxel_offsets, level)
-    bits = mi.UInt32(row.w)
     per_voxel = 1.0 / (volume.layout.finest_voxel_size * dr.exp2(mi.Float(level)))
     q = p_world * as_component(per_voxel)
-    across = _corners(q - 0.5, row)
+    around = neighbourhood(volume.table, level, mi.Point3f(q - 0.5))
     total = mi.Vector4f(0.0)
     for axis in range(3):
-        u, v = other_axes(axis)
         slot = surface_slot(mi.Float(normal[axis]))
         layer = mi.Int32(dr.floor(q[axis] + as_component(mi.Float(slot.behind) * BEHIND_NUDGE)))
-        resolution = mi.UInt32(1) << bits
-        is_held = active & (mi.UInt32(layer - row[axis]) < resolution)
-        stored = (mi.UInt32(layer) & (resolution - 1)) << (axis * bits)
-        base = offset * DIRECTION_COUNT + ((2 * axis + slot.side) << (3 * bits)) + stored
+        is_held = active & around.is_held(layer, axis)
         share = mi.Float(dr.abs(normal[axis]))
-        for step_u in range(2):
-            for step_v in range(2):
-                weight = share * across.weights[u][step_u] * across.weights[v][step_v]
-                address = base + across.parts[u][step_u] + across.parts[v][step_v]
-                texel = dr.gather(mi.Vector4f, volume.texels, address, is_held)
-                total = dr.fma(as_component(weight), texel, total)
+        taps = volume.texels.taps(around, Layer(axis, slot.side, layer), is_held)
+        for weight_u, weight_v, texel in taps:
+            total = dr.fma(as_component(share * weight_u * weight_v), texel, total)
     opacity = mi.Float(total.w)
     is_known = opacity > 0.0
     emitted = mi.Color3f(total.x, total.y, total.z)
@@ -159,44 +133,21 @@ def read_surface(
     return dr.select(is_known, radiance, 0.0), opacity
 
 
-def _corners(q: mi.Point3f, row: mi.Vector4i) -> _Corners:
-    """Weights and addresses of the voxels around `q`, in voxels from voxel centre 0."""
-    lowest = dr.floor(q)
-    fraction = q - lowest
-    voxel = mi.Vector3i(lowest)
-    resolution = mi.UInt32(1) << mi.UInt32(row.w)
-    weights: list[tuple[mi.Float, mi.Float]] = []
-    parts: list[tuple[mi.UInt32, mi.UInt32]] = []
-    for axis in range(3):
-        pair = []
-        for step in range(2):
-            weight = mi.Float(fraction[axis] if step else 1.0 - fraction[axis])
-            # An unsigned comparison tests both ends of the window at once.
-            is_held = mi.UInt32(voxel[axis] + step - row[axis]) < resolution
-            stored = mi.UInt32(voxel[axis] + step) & (resolution - 1)
-            pair.append((dr.select(is_held, weight, 0.0), stored << (axis * mi.UInt32(row.w))))
-        weights.append((pair[0][0], pair[1][0]))
-        parts.append((pair[0][1], pair[1][1]))
-    return _Corners(weights, parts)
-
-
 def _read_axis(
-    texels: mi.Float, corners: _Corners, base: mi.UInt32, axis: int
+    texels: VoxelTexels, around: Neighbourhood, axis: int, side: mi.UInt32
 ) -> tuple[mi.Float, mi.Color3f]:
     """Optical depth of one voxel along `axis`, and the radiance emitted over that depth."""
-    u, v = other_axes(axis)
     depth = mi.Float(0.0)
     emitted = mi.Color3f(0.0)
     for along in range(2):
+        # Across the axis: opacity is alpha, interpolated bilinearly.
+        layer = Layer(axis, side, mi.Int32(around.lowest[axis] + along))
         texel = mi.Vector4f(0.0)
-        for step_u in range(2):
-            for step_v in range(2):
-                steps = [0, 0, 0]
-                steps[axis], steps[u], steps[v] = along, step_u, step_v
-                address = base + corners.address(steps)
-                weight = corners.weights[u][step_u] * corners.weights[v][step_v]
-                texel = dr.fma(as_component(weight), dr.gather(mi.Vector4f, texels, address), texel)
-        layer_weight = corners.weights[axis][along]
+        for weight_u, weight_v, tap in texels.taps(around, layer):
+            texel = dr.fma(as_component(weight_u * weight_v), tap, texel)
+
+        # Along it: what is interpolated is optical depth, and what is emitted over it.
+        layer_weight = around.weights[axis][along]
         layer_depth, depth_per_opacity = optical_depth(mi.Float(texel.w))
         depth = dr.fma(layer_weight, layer_depth, depth)
         layer_emitted = mi.Color3f(texel.x, texel.y, texel.z) * as_component(depth_per_opacity)

@@ -1,25 +1,49 @@
-"""What the clipmap holds: opacity and emittance of every voxel along six directions.
+"""What the clipmap holds: opacity and emittance of every voxel, and how both are stored to be read.
 
-Values are stored [level, direction, z, y, x] with each level's texels at their toroidal address.
-Emittance is premultiplied by opacity (radiance x opacity), so that it filters like colour with
-alpha.
+The stages work on single precision along six directions, [level, direction, z, y, x], with each
+level's texels at their toroidal address. Emittance is premultiplied by opacity (radiance x
+opacity), so that it filters like colour with alpha. `pack_volume` brings both into the format that
+cones read.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.addressing import LevelTable, level_table
-from vctgi.clipmap.levels import ClipmapLayout
+from vctgi.clipmap.addressing import LevelTable
+from vctgi.clipmap.formats import FloatCode, LevelTexels, TexelCode
+from vctgi.clipmap.gathered import GatheredTexels
+from vctgi.clipmap.integer_formats import ByteCode, PackedCode
+from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
+from vctgi.clipmap.neighbourhood import VoxelTexels
+from vctgi.clipmap.reduction import reduce_directions
 from vctgi.clipmap.slots import DEFAULT_RULE, SlotRule
+from vctgi.clipmap.texture import build_texture
 from vctgi.maths.directions import DIRECTION_COUNT
 
-TEXEL_CHANNELS = 4
-"""Red, green, blue emittance and opacity, side by side so that one packet load reads them."""
+StorageFormat = Literal["float32", "float16", "rgb10a2", "rgba8", "srgb8", "texture16"]
+"""What texels are stored as."""
+
+CODES: dict[str, TexelCode] = {
+    "float32": FloatCode(is_half=False),
+    "float16": FloatCode(is_half=True),
+    "rgb10a2": PackedCode(),
+    "rgba8": ByteCode(is_srgb=False),
+    "srgb8": ByteCode(is_srgb=True),
+    "texture16": FloatCode(is_half=True),
+}
+"""What the words of each format mean."""
+
+SCALED_FORMATS = ("rgb10a2", "rgba8", "srgb8")
+"""Formats of integers, which need a storage scale."""
+
+SMALLEST_SCALE_EXPONENT = -126
+"""Exponent of the smallest scale that is chosen, that of the smallest normal number."""
 
 
 @dataclass
@@ -64,48 +88,193 @@ class EmittanceClipmap:
 
 @dataclass(frozen=True, kw_only=True)
 class StorageConfig:
-    """How voxels are stored for reading."""
+    """How voxels are stored to be read."""
 
-    format: Literal["float32"] = "float32"
-    """What a channel of a voxel is stored as."""
+    format: StorageFormat = "float32"
+    """float32 and float16: numbers; rgb10a2: the talk's words of ten bits a channel; rgba8 and
+    srgb8: bytes, linear or with sRGB-encoded colour; texture16: half precision, interpolated by a
+    GPU's texture units, only on CUDA."""
+    direction_count: int = DIRECTION_COUNT
+    """6 one-sided directions; 3, one for each axis; or 1, for comparison only."""
+    scale: float | None = None
+    """Emittance that the formats of integers store as 1, W m^-2 sr^-1, > 0; None: the largest that
+    there is, rounded up to a power of two."""
 
     def __post_init__(self) -> None:
         """Refuse formats that do not exist."""
-        if self.format not in get_args(Literal["float32"]):
-            raise ValueError(f'StorageConfig.format must be "float32", got {self.format!r}.')
+        formats = get_args(StorageFormat)
+        if self.format not in formats:
+            raise ValueError(f"StorageConfig.format must be one of {formats}, got {self.format!r}.")
+        if self.direction_count not in (6, 3, 1):
+            raise ValueError(
+                f"StorageConfig.direction_count must be 6, 3 or 1, got {self.direction_count}."
+            )
+        if self.scale is None:
+            return
+        if self.format not in SCALED_FORMATS:
+            raise ValueError(
+                f'StorageConfig.scale is for {SCALED_FORMATS}; leave it None for "{self.format}", '
+                "which stores emittance as it is."
+            )
+        if not 2.0**SMALLEST_SCALE_EXPONENT <= self.scale <= 2.0**-SMALLEST_SCALE_EXPONENT:
+            raise ValueError(
+                "StorageConfig.scale must be a normal number in single precision, > 0, "
+                f"got {self.scale}."
+            )
 
 
 @dataclass
 class VoxelVolume:
-    """Opacity and emittance interleaved for reading: what cones march through.
+    """Opacity and emittance in the format that is read: what cones march through.
 
     Attributes
     ----------
     layout
         Where the levels lie.
     table
-        The same as device arrays.
+        Where the stored voxels lie, as device arrays: a level without opacity is one empty voxel.
     texels
-        Flat [level, direction, z, y, x, 4]: premultiplied emittance RGB (W m^-2 sr^-1), opacity.
+        The voxels.
     """
 
     layout: ClipmapLayout
     table: LevelTable
-    texels: mi.Float
+    texels: VoxelTexels
+
+    @property
+    def byte_count(self) -> int:
+        """Bytes of the voxels."""
+        return self.texels.byte_count
+
+
+def bytes_per_voxel(config: StorageConfig) -> int:
+    """Return the bytes that a voxel takes, all directions together.
+
+    What a texture repeats at the rims of its slabs, and of levels smaller than itself, comes on
+    top; `VoxelVolume.byte_count` counts it.
+    """
+    code = CODES[config.format]
+    return code.word_bytes * code.slab_count(config.direction_count)
 
 
 def pack_volume(
     opacity: OpacityClipmap, emittance: EmittanceClipmap, config: StorageConfig = StorageConfig()
 ) -> VoxelVolume:
-    """Put opacity and emittance of the same layout side by side for reading."""
+    """Bring opacity and emittance of the same layout into the format that is read.
+
+    Parameters
+    ----------
+    opacity, emittance
+        What the voxels hold.
+    config
+        Format, directions and scale.
+
+    Raises
+    ------
+    ValueError
+        The format cannot hold what is there: emittance above the scale or the largest number, or
+        where there is no opacity, or numbers that are none; a texture of too many layers; a texture
+        without CUDA.
+    """
     layout = opacity.layout
     assert layout == emittance.layout, "opacity and emittance must share one layout"
-    texels = dr.empty(mi.Float, TEXEL_CHANNELS * DIRECTION_COUNT * layout.voxel_count)
-    for level, offset in zip(layout.levels, layout.voxel_offsets, strict=True):
-        count = DIRECTION_COUNT * level.voxel_count
-        index = dr.arange(mi.UInt32, count) + DIRECTION_COUNT * offset
+    is_texture = config.format == "texture16"
+    if is_texture and dr.backend_v(mi.Float) != dr.JitBackend.CUDA:
+        raise ValueError(
+            'StorageConfig.format "texture16" needs the texture units of a GPU, and the variant '
+            f'is {mi.variant()}: set a CUDA variant, or use the format "float16".'
+        )
+    has_opacity = [dr.any(level > 0.0) for level in opacity.levels]
+    dr.eval(has_opacity)
+    is_empty = [not bool(flag[0]) for flag in has_opacity]
+    # Single precision holds whatever the stages wrote, so it is not searched for what it cannot.
+    scale = None if config.format == "float32" else _find_scale(opacity, emittance, config)
+
+    def texels_of(level: LevelLayout) -> LevelTexels:
         color = emittance.levels[level.level]
-        texel = mi.Vector4f(color.x, color.y, color.z, opacity.levels[level.level])
-        dr.scatter(texels, texel, index)
-    dr.eval(texels)
-    return VoxelVolume(layout, level_table(layout), texels)
+        texels = LevelTexels(color, opacity.levels[level.level], DIRECTION_COUNT)
+        texels = reduce_directions(texels, config.direction_count)
+        if scale is not None:
+            texels.emittance = texels.emittance * (1.0 / scale)
+        return texels
+
+    table = _stored_table(layout, is_empty)
+    levels = list(layout.levels)
+    if is_texture:
+        texture = build_texture(levels, is_empty, texels_of, config.direction_count)
+        return VoxelVolume(layout, table, texture)
+
+    code = CODES[config.format]
+    slab_count = code.slab_count(config.direction_count)
+    offsets = _stored_offsets(layout, is_empty)
+    words = code.allocate(slab_count * offsets[-1])
+    for level, empty, offset in zip(levels, is_empty, offsets[:-1], strict=True):
+        if not empty:
+            code.encode(words, slab_count * offset, texels_of(level))
+    dr.eval(words)
+    device_scale = None if scale is None else dr.opaque(mi.Float, scale)
+    texels = GatheredTexels(code, words, table.voxel_offsets, config.direction_count, device_scale)
+    return VoxelVolume(layout, table, texels)
+
+
+def _find_scale(
+    opacity: OpacityClipmap, emittance: EmittanceClipmap, config: StorageConfig
+) -> float | None:
+    """Return the scale that emittance is stored at, None for numbers as they are.
+
+    Raises
+    ------
+    ValueError
+        Something has no code.
+    """
+    fits, peaks = [], []
+    for alpha, color in zip(opacity.levels, emittance.levels, strict=True):
+        largest = mi.Float(dr.max(color))
+        has_surface = (alpha > 0.0) | (largest == 0.0)
+        is_number = dr.all((color >= 0.0) & (color < dr.inf))
+        fits.append(dr.all((alpha >= 0.0) & (alpha <= 1.0) & has_surface & mi.Bool(is_number)))
+        peaks.append(dr.max(largest))
+    dr.eval(fits, peaks)
+    for level, fit in enumerate(fits):
+        if not bool(fit[0]):
+            raise ValueError(
+                f'StorageConfig.format "{config.format}" cannot hold level {level}: opacity '
+                "outside [0, 1], emittance below 0 or not finite, or emittance where opacity is 0. "
+                'The format "float32" stores it for inspection.'
+            )
+    peak = max(float(each[0]) for each in peaks)
+    if config.format not in SCALED_FORMATS:
+        limit = CODES[config.format].max_emittance
+        if peak > limit:
+            raise ValueError(
+                f'StorageConfig.format "{config.format}" holds emittance up to {limit:g}, and the '
+                f'largest is {peak:g} W m^-2 sr^-1: use "float32", or "rgb10a2", which scales.'
+            )
+        return None
+    if config.scale is None:
+        # frexp gives peak = m 2^e with m in [1/2, 1).
+        mantissa, exponent = math.frexp(peak)
+        exponent -= mantissa == 0.5
+        return 2.0 ** max(exponent, SMALLEST_SCALE_EXPONENT) if peak > 0.0 else 1.0
+    if peak > config.scale:
+        raise ValueError(
+            f"StorageConfig.scale is {config.scale:g}, and the largest emittance is {peak:g} "
+            "W m^-2 sr^-1: set it at least so large, or None to have it chosen."
+        )
+    return config.scale
+
+
+def _stored_offsets(layout: ClipmapLayout, is_empty: list[bool]) -> list[int]:
+    """Voxels stored before each level, and of all levels; a level without opacity is one voxel."""
+    offsets = [0]
+    for level, empty in zip(layout.levels, is_empty, strict=True):
+        offsets.append(offsets[-1] + (1 if empty else level.voxel_count))
+    return offsets
+
+
+def _stored_table(layout: ClipmapLayout, is_empty: list[bool]) -> LevelTable:
+    """Return the windows that are stored: those of levels without opacity shrink to one voxel."""
+    rows: list[int] = []
+    for level, empty in zip(layout.levels, is_empty, strict=True):
+        rows += [0, 0, 0, 0] if empty else [*level.origin, level.resolution.bit_length() - 1]
+    return LevelTable(mi.Int32(rows), mi.UInt32(_stored_offsets(layout, is_empty)[:-1]))

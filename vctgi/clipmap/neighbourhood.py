@@ -1,0 +1,142 @@
+"""Where a point lies among the voxels of a level, and what a way of storing voxels must answer.
+
+The read of `sampling.py` works layer by layer: one layer of voxels across an axis is interpolated
+bilinearly, then layers are put together along the axis. How a layer is fetched is all that storage
+formats differ in. A `VoxelTexels` therefore answers one question, the taps of a layer: four texels
+of weights that the shader knows, or one that the texture unit has already interpolated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import drjit as dr
+import mitsuba as mi
+
+from vctgi.clipmap.addressing import LevelTable
+
+
+@dataclass
+class Neighbourhood:
+    """The 2^3 voxels around a point of one level.
+
+    Attributes
+    ----------
+    level
+        Level, one for each lane.
+    q
+        The point in voxels, counted from the centre of voxel 0.
+    lowest
+        The voxel of the eight that is lowest along every axis.
+    origin
+        Lowest voxel of the level's window.
+    resolution, resolution_bits
+        Voxels along an edge of the window, and log2 of it.
+    weights
+        For each axis the linear weights of the lower and upper voxel, 0 outside the window.
+    """
+
+    level: mi.UInt32
+    q: mi.Point3f
+    lowest: mi.Vector3i
+    origin: mi.Vector3i
+    resolution: mi.UInt32
+    resolution_bits: mi.UInt32
+    weights: list[tuple[mi.Float, mi.Float]]
+
+    def is_held(self, voxel: mi.Int32, axis: int) -> mi.Bool:
+        """Whether the window reaches as far as `voxel` along `axis`."""
+        # An unsigned comparison tests both ends of the window at once.
+        return mi.UInt32(voxel - self.origin[axis]) < self.resolution
+
+    def stored(self, voxel: mi.Int32) -> mi.UInt32:
+        """Toroidal address of a voxel along one axis, [0, resolution)."""
+        return mi.UInt32(voxel) & (self.resolution - 1)
+
+
+@dataclass
+class Layer:
+    """One layer of voxels across an axis, of one opacity direction.
+
+    Attributes
+    ----------
+    axis
+        The axis that the layer lies across.
+    side
+        0 for what a ray travelling towards +axis meets, 1 for -axis.
+    voxel
+        Where the layer lies, in voxels along the axis.
+    """
+
+    axis: int
+    side: mi.UInt32
+    voxel: mi.Int32
+
+
+class VoxelTexels(Protocol):
+    """Texels in some storage format."""
+
+    @property
+    def byte_count(self) -> int:
+        """Bytes that the texels take."""
+
+    def taps(
+        self, around: Neighbourhood, layer: Layer, active: mi.Bool | bool = True
+    ) -> Iterator[tuple[mi.Float, mi.Float, mi.Vector4f]]:
+        """Fetch what the bilinear value of a layer at the point is the sum of.
+
+        Parameters
+        ----------
+        around
+            The point.
+        layer
+            Which layer. One outside the window gives anything finite: the caller weighs it with 0.
+        active
+            Lanes to fetch.
+
+        Yields
+        ------
+        tuple
+            Weights along the two axes of `other_axes(layer.axis)`, whose product weighs the third:
+            premultiplied emittance, W m^-2 sr^-1, and opacity. Voxels outside the window across
+            the axis weigh 0.
+        """
+
+
+def neighbourhood(table: LevelTable, level: mi.UInt32, q: mi.Point3f) -> Neighbourhood:
+    """Return the voxels around points.
+
+    Parameters
+    ----------
+    table
+        Windows of the levels.
+    level
+        Level, one for each lane.
+    q
+        Points in voxels of their level, counted from the centre of voxel 0.
+    """
+    row = dr.gather(mi.Vector4i, table.origins, level)
+    bits = mi.UInt32(row.w)
+    lowest = dr.floor(q)
+    fraction = q - lowest
+    around = Neighbourhood(
+        level=level,
+        q=q,
+        lowest=mi.Vector3i(lowest),
+        origin=mi.Vector3i(row.x, row.y, row.z),
+        resolution=mi.UInt32(1) << bits,
+        resolution_bits=bits,
+        weights=[],
+    )
+    for axis in range(3):
+        voxel = mi.Int32(around.lowest[axis])
+        lower, upper = mi.Float(1.0 - fraction[axis]), mi.Float(fraction[axis])
+        around.weights.append(
+            (
+                dr.select(around.is_held(voxel, axis), lower, 0.0),
+                dr.select(around.is_held(voxel + 1, axis), upper, 0.0),
+            )
+        )
+    return around
