@@ -20,6 +20,7 @@ def surfaces_of(vertices: np.ndarray) -> VoxelSurfaces:
         vertices=np.asarray(vertices, dtype=np.float64),
         uv=np.zeros((count, 3, 2)),
         mask_index=np.full(count, -1),
+        shape_index=np.zeros(count, int),
         masks=[],
         flipped_count=0,
         double_count=0,

@@ -7,12 +7,14 @@ the other. Positions are XYZ; storage order within a level is [z, y, x].
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
+from vctgi.clipmap.regions import Region
 
 
 @dataclass
@@ -39,6 +41,37 @@ def level_table(layout: ClipmapLayout) -> LevelTable:
     return LevelTable(mi.Int32(rows), mi.UInt32(list(layout.voxel_offsets)))
 
 
+def voxel_of_place(place: mi.UInt32, regions: Sequence[Region]) -> mi.Vector3i:
+    """Return the voxel at each place in the list of all voxels of boxes of one lattice.
+
+    The list goes box after box, in each of them x fastest.
+    """
+    starts = [0]
+    for region in regions[:-1]:
+        starts.append(starts[-1] + region.voxel_count)
+    first = mi.UInt32(starts)
+
+    def is_before(number: mi.UInt32) -> mi.Bool:
+        return dr.gather(mi.UInt32, first, number) <= place
+
+    # The last box that starts at or before the place.
+    owner = mi.UInt32(0)
+    if len(regions) > 1:
+        after = dr.binary_search(1, len(regions), is_before)  # type: ignore[no-untyped-call]
+        owner = mi.UInt32(after) - 1
+    local = place - dr.gather(mi.UInt32, first, owner)
+    low = mi.Int32([i for region in regions for i in region.low])
+    shape = mi.Int32([i for region in regions for i in region.shape])
+    # The unused lanes of the last SIMD packet gather 0, and the CPU traps a division by it.
+    width, height = (
+        mi.UInt32(dr.maximum(dr.gather(mi.Int32, shape, 3 * owner + axis), 1)) for axis in range(2)
+    )
+    steps = (local % width, (local // width) % height, local // (width * height))
+    return mi.Vector3i(
+        [dr.gather(mi.Int32, low, 3 * owner + axis) + mi.Int32(i) for axis, i in enumerate(steps)]
+    )
+
+
 def voxel_from_position(p_world: mi.Point3f, level: LevelLayout) -> mi.Vector3i:
     """Voxel of `level` that holds a world point; exact to the rounding of one division."""
     return mi.Vector3i(dr.floor(p_world / level.voxel_size))
@@ -48,9 +81,9 @@ def is_inside(voxel: mi.Vector3i, level: LevelLayout) -> mi.Bool:
     """Whether `voxel` lies in the window of `level`."""
     inside = mi.Bool(True)
     for axis in range(3):
-        inside &= (voxel[axis] >= level.origin[axis]) & (
-            voxel[axis] < level.origin[axis] + level.resolution
-        )
+        # Opaque, so that a window that moves compiles nothing; unsigned tests both ends at once.
+        origin = dr.opaque(mi.Int32, level.origin[axis])
+        inside &= mi.UInt32(voxel[axis] - origin) < level.resolution
     return inside
 
 

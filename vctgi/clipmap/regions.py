@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,8 @@ import numpy as np
 from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
 
 Corner = tuple[int, int, int]
+Bounds = tuple[np.ndarray, np.ndarray]
+"""Lowest and highest corner of a box, [3] each, world units."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,6 +130,49 @@ def parent_region(child: Region, coarser: LevelLayout) -> Region | None:
     high = [-(-i // 2) for i in child.high]
     box = Region(level=coarser, low=(low[0], low[1], low[2]), high=(high[0], high[1], high[2]))
     return intersection(window_region(coarser), box)
+
+
+def stale_regions(
+    before: ClipmapLayout, after: ClipmapLayout, changed: Sequence[Bounds], margin_voxels: int
+) -> list[list[Region]]:
+    """Return what has to be voxelized anew, for each level; nothing for the mips.
+
+    Parameters
+    ----------
+    before, after
+        Windows of levels of the same sizes.
+    changed
+        Boxes (lowest, highest corner) in world units in which surfaces moved, came or went.
+    margin_voxels
+        How far a surface reaches beyond its own bounds.
+    """
+    stale: list[list[Region]] = []
+    for old, new in zip(before.clip_levels, after.clip_levels, strict=True):
+        touched = [world_region(new, low, high, margin_voxels) for low, high in changed]
+        stale.append(entered_regions(old, new) + [box for box in touched if box is not None])
+    return stale + [[] for _ in after.levels[after.clip_level_count :]]
+
+
+def unmerged_regions(
+    before: ClipmapLayout, after: ClipmapLayout, stale: Sequence[Sequence[Region]]
+) -> list[list[Region]]:
+    """Return what has to be downsampled anew, for each level, when `stale` was filled anew.
+
+    A voxel changes if it is stale itself, if one of its children changes, or if the finer window
+    has moved to it or away from it.
+    """
+    unmerged = [list(stale[0])]
+    for finer, coarser in zip(after.levels[:-1], after.levels[1:], strict=True):
+        parents = [parent_region(child, coarser) for child in unmerged[-1]]
+        boxes = list(stale[coarser.level]) + [box for box in parents if box is not None]
+        old = covered_region(before.levels[finer.level], coarser)
+        new = covered_region(finer, coarser)
+        if old is not None and new is not None:
+            boxes += difference(old, new) + difference(new, old)
+        else:
+            boxes += [box for box in (old, new) if box is not None]
+        unmerged.append(boxes)
+    return unmerged
 
 
 def same_levels(first: ClipmapLayout, second: ClipmapLayout) -> bool:

@@ -48,6 +48,8 @@ class VoxelSurfaces:
         [side, corner, 2] texture coordinates.
     mask_index
         [side] index into `masks`, -1 for surfaces that are opaque all over.
+    shape_index
+        [side] which shape of the scene it belongs to.
     masks
         BSDFs whose null transmission decides the opacity of their surfaces.
     flipped_count
@@ -59,6 +61,7 @@ class VoxelSurfaces:
     vertices: np.ndarray
     uv: np.ndarray
     mask_index: np.ndarray
+    shape_index: np.ndarray
     masks: list[mi.BSDF]
     flipped_count: int
     double_count: int
@@ -85,6 +88,7 @@ def select_surfaces(
         vertices=triangles.vertices[which][rows, order],
         uv=triangles.uv[which][rows, order],
         mask_index=mask_of_bsdf[triangles.bsdf_index[which]],
+        shape_index=triangles.shape_index[which],
         masks=[triangles.bsdfs[index] for index in with_null],
         flipped_count=int(np.count_nonzero(sides == BACK)),
         double_count=int(np.count_nonzero(sides == FRONT | BACK)),

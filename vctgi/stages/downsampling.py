@@ -8,13 +8,17 @@ would lose light at every level (docs/decisions/0001).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.addressing import is_inside, texel_from_voxel, voxel_from_texel
+from vctgi.clipmap.addressing import is_inside, texel_from_voxel, voxel_of_place
 from vctgi.clipmap.levels import LevelLayout
+from vctgi.clipmap.regions import Region, window_region
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
-from vctgi.maths.directions import other_axes
+from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.maths.stub_gaps import as_component
 
 
@@ -39,79 +43,111 @@ def downsample(
     [Panteleev2014], slide "Multi-resolution voxelization".
     """
     layout = opacity.layout
-    alphas = [opacity.levels[0]]
-    colors = [emittance.levels[0]] if emittance else []
+    alphas = [opacity.levels[0]] + [dr.empty(mi.Float, dr.width(a)) for a in opacity.levels[1:]]
+    merged = OpacityClipmap(layout, alphas, opacity.rule)
+    lit = None
+    if emittance is not None:
+        colors = [emittance.levels[0]]
+        colors += [dr.empty(mi.Color3f, dr.width(c)) for c in emittance.levels[1:]]
+        lit = EmittanceClipmap(layout, colors, list(emittance.lost_flux_share))
+    regions = [[window_region(level)] for level in layout.levels]
+    downsample_regions(opacity, emittance, merged, lit, regions)
+    return merged, lit
+
+
+def downsample_regions(
+    opacity: OpacityClipmap,
+    emittance: EmittanceClipmap | None,
+    merged: OpacityClipmap,
+    lit: EmittanceClipmap | None,
+    regions: Sequence[Sequence[Region]],
+) -> None:
+    """Fill boxes of every level from the finer one, where that covers them.
+
+    Parameters
+    ----------
+    opacity, emittance
+        As for `downsample`. Their finest level is that of the result itself.
+    merged, lit
+        The result, changed in place; `lit` goes with `emittance`.
+    regions
+        Boxes for each level, which may overlap; what lies outside is left as it is.
+    """
+    layout = opacity.layout
+    merged.levels[0] = opacity.levels[0]
+    if emittance is not None and lit is not None:
+        lit.levels[0] = emittance.levels[0]
     for finer, coarser in zip(layout.levels[:-1], layout.levels[1:], strict=True):
-        alpha = dr.copy(opacity.levels[coarser.level])
-        color = dr.copy(emittance.levels[coarser.level]) if emittance else None
-        merged_color = _downsample_level(
-            finer, coarser, alphas[-1], colors[-1] if emittance else None, alpha, color
-        )
-        alphas.append(alpha)
-        if merged_color is not None:
-            colors.append(merged_color)
-    lit = EmittanceClipmap(layout, colors, list(emittance.lost_flux_share)) if emittance else None
-    return OpacityClipmap(layout, alphas, opacity.rule), lit
+        if not regions[coarser.level]:
+            continue
+        parent, slot = _slots_of(regions[coarser.level])
+        target = slot * coarser.voxel_count + texel_from_voxel(parent, coarser.resolution)
+        # Windows are snapped so that the first child decides for all eight.
+        is_covered = is_inside(2 * parent, finer)
+        columns = _columns(parent, slot, finer)
+        alpha, shares = _merge_opacity(columns, merged.levels[finer.level])
+        own = dr.gather(mi.Float, opacity.levels[coarser.level], target, ~is_covered)
+        dr.scatter(merged.levels[coarser.level], dr.select(is_covered, alpha, own), target)
+        dr.eval(merged.levels[coarser.level])
+        if emittance is not None and lit is not None:
+            color = _merge_emittance(columns, shares, lit.levels[finer.level])
+            own_color = dr.gather(mi.Color3f, emittance.levels[coarser.level], target, ~is_covered)
+            dr.scatter(lit.levels[coarser.level], dr.select(is_covered, color, own_color), target)
+            dr.eval(lit.levels[coarser.level])
 
 
-def _downsample_level(
-    finer: LevelLayout,
-    coarser: LevelLayout,
-    fine_alpha: mi.Float,
-    fine_color: mi.Color3f | None,
-    alpha: mi.Float,
-    color: mi.Color3f | None,
-) -> mi.Color3f | None:
-    """Overwrite the voxels of `coarser` whose children lie in the window of `finer`."""
-    texel = dr.arange(mi.UInt32, coarser.voxel_count)
-    parent = voxel_from_texel(texel, coarser)
-    # Windows are snapped so that the first child decides for all eight.
-    is_covered = is_inside(2 * parent, finer)
-    for axis in range(3):
-        for side in range(2):
-            slot = 2 * axis + side
-            base = slot * finer.voxel_count
-            target = slot * coarser.voxel_count + texel
-            mean_alpha, mean_color = _merge_columns(
-                axis, side, base, parent, finer, fine_alpha, fine_color
-            )
-            dr.scatter(alpha, mean_alpha, target, is_covered)
-            if color is not None:
-                assert mean_color is not None, "emittance downsamples with its opacity"
-                dr.scatter(color, mean_color, target, is_covered)
-    dr.eval(alpha, color)
-    return color
+@dataclass
+class _Columns:
+    """Texels in front and behind, for each of the four columns of children along a direction."""
+
+    texels: list[tuple[mi.UInt32, mi.UInt32]]
 
 
-def _merge_columns(
-    axis: int,
-    side: int,
-    base: int,
-    parent: mi.Vector3i,
-    finer: LevelLayout,
-    fine_alpha: mi.Float,
-    fine_color: mi.Color3f | None,
-) -> tuple[mi.Float, mi.Color3f | None]:
-    """Mean over the four columns of children along `axis`, each merged front to back."""
-    u, v = other_axes(axis)
-    mean_alpha = mi.Float(0.0)
-    mean_color = mi.Color3f(0.0) if fine_color is not None else None
+def _slots_of(regions: Sequence[Region]) -> tuple[mi.Vector3i, mi.UInt32]:
+    """Every voxel of boxes with each of its six directions, one lane each."""
+    count = sum(region.voxel_count for region in regions)
+    lane = dr.arange(mi.UInt32, DIRECTION_COUNT * count)
+    width = dr.opaque(mi.UInt32, count)
+    return voxel_of_place(lane % width, regions), lane // width
+
+
+def _columns(parent: mi.Vector3i, slot: mi.UInt32, finer: LevelLayout) -> _Columns:
+    """Return where the children of a voxel are stored, column by column along the direction."""
+    axis, side = slot // 2, mi.Int32(slot % 2)
+    base = slot * finer.voxel_count
+    texels = []
     for step_u in range(2):
         for step_v in range(2):
-            children = []
+            pair = []
             # A ray towards +axis meets the lower child first.
             for step in (side, 1 - side):
-                offset = [0, 0, 0]
-                offset[axis], offset[u], offset[v] = step, step_u, step_v
-                child = 2 * parent + mi.Vector3i(offset)
-                children.append(texel_from_voxel(child, finer.resolution) + base)
-            front, back = (dr.gather(mi.Float, fine_alpha, index) for index in children)
-            visible = dr.minimum(1.0 - front, back)
-            mean_alpha += 0.25 * (front + visible)
-            if fine_color is not None and mean_color is not None:
-                share = dr.select(back > 0.0, visible / dr.select(back > 0.0, back, 1.0), 0.0)
-                front_color, back_color = (
-                    dr.gather(mi.Color3f, fine_color, index) for index in children
-                )
-                mean_color += 0.25 * dr.fma(as_component(share), back_color, front_color)
-    return mean_alpha, mean_color
+                child = [
+                    2 * mi.Int32(parent[world_axis])
+                    + dr.select(axis == world_axis, step, 0)
+                    + dr.select((axis + 1) % 3 == world_axis, mi.Int32(step_u), 0)
+                    + dr.select((axis + 2) % 3 == world_axis, mi.Int32(step_v), 0)
+                    for world_axis in range(3)
+                ]
+                pair.append(base + texel_from_voxel(mi.Vector3i(child), finer.resolution))
+            texels.append((pair[0], pair[1]))
+    return _Columns(texels)
+
+
+def _merge_opacity(columns: _Columns, fine: mi.Float) -> tuple[mi.Float, list[mi.Float]]:
+    """Mean opacity over the columns, and which share of each back child shows in it."""
+    mean, shares = mi.Float(0.0), []
+    for pair in columns.texels:
+        front, back = (dr.gather(mi.Float, fine, texel) for texel in pair)
+        visible = dr.minimum(1.0 - front, back)
+        mean += 0.25 * (front + visible)
+        shares.append(dr.select(back > 0.0, visible / dr.select(back > 0.0, back, 1.0), 0.0))
+    return mean, shares
+
+
+def _merge_emittance(columns: _Columns, shares: list[mi.Float], fine: mi.Color3f) -> mi.Color3f:
+    """Mean emittance over the columns, each merged front to back."""
+    mean = mi.Color3f(0.0)
+    for pair, share in zip(columns.texels, shares, strict=True):
+        front, back = (dr.gather(mi.Color3f, fine, texel) for texel in pair)
+        mean += 0.25 * dr.fma(as_component(share), back, front)
+    return mean

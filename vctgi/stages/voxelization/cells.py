@@ -72,7 +72,8 @@ def mark_cells(
         above = cells_at_or_above(plane, low) | dr.select(view.low_depth >= low, _all_cells(), 0)
         below = ~cells_at_or_above(plane, high) | dr.select(view.high_depth < high, _all_cells(), 0)
         bits = covered & above & below
-        dr.scatter_reduce(dr.ReduceOp.Or, masks, bits, word(layer), bits != 0)
+        # Direct: other modes compile the size of the target into the kernel.
+        dr.scatter_reduce(dr.ReduceOp.Or, masks, bits, word(layer), bits != 0, dr.ReduceMode.Direct)
         return (layer + 1,)
 
     is_covered = covered != 0

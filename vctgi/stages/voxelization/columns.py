@@ -132,13 +132,14 @@ def view_along(
     per_voxel = dr.gather(mi.Float64, table.per_voxel, region)
     cells = mi.Float64(CELLS_PER_EDGE * dr.gather(mi.UInt32, table.supersampling, region))
     across = [(axis + 1) % 3, (axis + 2) % 3]
+    stride = dr.opaque(mi.UInt32, batch.count)
 
     def along(which: mi.UInt32) -> list[mi.Float64]:
-        index = which * batch.count + triangle
+        index = which * stride + triangle
         return [dr.gather(mi.Float64, corner, index) * per_voxel for corner in batch.corners]
 
     depth = along(axis)
-    slot = surface_slot(dr.gather(mi.Float, batch.normal, axis * batch.count + triangle), rule)
+    slot = surface_slot(dr.gather(mi.Float, batch.normal, axis * stride + triangle), rule)
     nudge = mi.Float64(slot.behind) * BEHIND_NUDGE
     return FaceView(
         region=region,
@@ -188,8 +189,11 @@ def enumerate_columns(
     for begin in range(0, batch.count, chunk):
         count = min(chunk, batch.count - begin)
         lane = dr.arange(mi.UInt32, count * pairs)
-        pair = lane // count
-        lanes = (lane % count + begin, pair // 3, pair % 3)
+        # What differs from frame to frame is opaque, so that a moved camera compiles nothing.
+        width = dr.opaque(mi.UInt32, count)
+        pair = lane // width
+        start = dr.opaque(mi.UInt32, begin)
+        lanes = (lane % width + start, pair // 3, pair % 3)
         first_u, first_v, count_u, column_count = _bounds(
             batch, table, rule, lanes, is_dominant_only
         )
@@ -208,11 +212,12 @@ def enumerate_columns(
         for first in range(0, total, COLUMNS_PER_PASS):
             last = min(first + COLUMNS_PER_PASS, total)
             owner = _owners(starts, first, last)
-            local = dr.arange(mi.UInt32, last - first) + first - dr.gather(mi.UInt32, starts, owner)
+            number = dr.arange(mi.UInt32, last - first) + dr.opaque(mi.UInt32, first)
+            local = number - dr.gather(mi.UInt32, starts, owner)
             view_lane = dr.gather(mi.UInt32, met, owner)
-            view_pair = view_lane // count
+            view_pair = view_lane // width
             view = view_along(
-                batch, table, rule, (view_lane % count + begin, view_pair // 3, view_pair % 3)
+                batch, table, rule, (view_lane % width + start, view_pair // 3, view_pair % 3)
             )
             # The unused lanes of the last SIMD packet gather 0, and the CPU traps a division by it.
             row = dr.maximum(dr.gather(mi.UInt32, count_u, view_lane), 1)
@@ -262,9 +267,9 @@ def _bounds(
 
 def dominant_axis(batch: DeviceTriangles, triangle: mi.UInt32) -> mi.UInt32:
     """Axis along which each triangle has its largest projection; the first of equals."""
+    stride = dr.opaque(mi.UInt32, batch.count)
     x, y, z = (
-        dr.abs(dr.gather(mi.Float, batch.normal, axis * batch.count + triangle))
-        for axis in range(3)
+        dr.abs(dr.gather(mi.Float, batch.normal, axis * stride + triangle)) for axis in range(3)
     )
     first = dr.select(y > x, mi.UInt32(1), mi.UInt32(0))
     return dr.select(z > dr.maximum(x, y), mi.UInt32(2), first)
@@ -272,7 +277,8 @@ def dominant_axis(batch: DeviceTriangles, triangle: mi.UInt32) -> mi.UInt32:
 
 def _owners(starts: mi.UInt32, begin: int, end: int) -> mi.UInt32:
     """Which run each number in [begin, end) belongs to; runs are not empty."""
-    before = int(mi.UInt32(dr.count(starts <= begin))[0]) - 1
+    before = mi.UInt32(dr.count(starts <= dr.opaque(mi.UInt32, begin))) - 1
     is_new = dr.zeros(mi.UInt32, end - begin)
-    dr.scatter(is_new, mi.UInt32(1), starts - begin, (starts > begin) & (starts < end))
+    first, after = dr.opaque(mi.UInt32, begin), dr.opaque(mi.UInt32, end)
+    dr.scatter(is_new, mi.UInt32(1), starts - first, (starts > first) & (starts < after))
     return before + dr.cumsum(is_new)

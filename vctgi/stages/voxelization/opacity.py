@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.addressing import texel_from_voxel
+from vctgi.clipmap.addressing import texel_from_voxel, voxel_of_place
 from vctgi.clipmap.levels import ClipmapLayout
 from vctgi.clipmap.regions import Region, window_region
 from vctgi.clipmap.slots import SlotRule
@@ -162,18 +162,18 @@ def _write(
     config: OpacityVoxelizationConfig,
 ) -> None:
     """Turn the covered cells of a box into opacity at the texels of its level."""
-    volume, level = region.voxel_count, region.level
-    lane = dr.arange(mi.UInt32, DIRECTION_COUNT * volume)
+    level = region.level
+    # What differs from frame to frame is opaque, so that a moved camera compiles nothing.
+    volume, base = dr.opaque(mi.UInt32, region.voxel_count), dr.opaque(mi.UInt32, offset)
+    lane = dr.arange(mi.UInt32, DIRECTION_COUNT * region.voxel_count)
     slot, place = lane // volume, lane % volume
-    width, height, _ = region.shape
-    local = (place % width, (place // width) % height, place // (width * height))
-    voxel = mi.Vector3i([mi.Int32(i) + low for i, low in zip(local, region.low, strict=True)])
+    voxel = voxel_of_place(place, [region])
     covered = mi.UInt32(0)
     for sub_face in range(factor**2):
-        word = offset + (slot * factor**2 + sub_face) * volume + place
+        word = base + (slot * factor**2 + sub_face) * volume + place
         bits = dr.gather(mi.UInt64, masks, word)
         if config.is_two_sided:
-            other = offset + ((slot ^ 1) * factor**2 + sub_face) * volume + place
+            other = base + ((slot ^ 1) * factor**2 + sub_face) * volume + place
             bits |= dr.gather(mi.UInt64, masks, other)
         covered += mi.UInt32(dr.popcnt(bits))
     share = mi.Float(covered) * (1.0 / (factor * CELLS_PER_EDGE) ** 2)
