@@ -12,7 +12,7 @@ distance s in [0, 1] outside the outermost centre, linear interpolation gives th
 the empty one s, of nothing. Along each axis that is the same sum, so their product is, too.
 
 The texture unit rounds its weights to 2^-8, so by 2^-9 at most, and places are normalised to [0, 1]
-in single precision, which moves them by 1.5 * 2^-24 of the texture's size. A weight that is off by
+and back in single precision: five roundings of 2^-25 of the texture's size. A weight that is off by
 e moves a value by e times the difference of two neighbours. A fetch across x, y or z uses weights
 along all three axes, one of which should be 0: `weight_error` bounds their sum.
 """
@@ -57,12 +57,16 @@ class TextureTexels:
         [z, y, x, 4]: premultiplied emittance, W m^-2 sr^-1, and opacity.
     slab_starts
         [level]: first layer of the level's slabs.
+    per_texel
+        One texel along x, y, z in texture coordinates: an array, so that a texture of another size
+        needs no other kernels.
     direction_count
         Stored directions: 6, 3 or 1.
     """
 
     texture: Texture3f16
     slab_starts: mi.UInt32
+    per_texel: mi.Vector3f
     direction_count: int
 
     @property
@@ -74,7 +78,7 @@ class TextureTexels:
         """Bound on the sum of the errors of a fetch's three weights."""
         step = WEIGHT_STEP if self.texture.use_accel() else 0.0
         sizes = [int(size) for size in self.texture.shape[:3]]
-        return sum(0.5 * step + 1.5 * 2.0**-24 * size for size in sizes)
+        return sum(0.5 * step + 2.5 * 2.0**-24 * size for size in sizes)
 
     def taps(
         self, around: Neighbourhood, layer: Layer, active: mi.Bool | bool = True
@@ -88,12 +92,9 @@ class TextureTexels:
         start = dr.gather(mi.UInt32, self.slab_starts, around.level)
         slot = stored_slot(layer, self.direction_count)
         below = start + slot * (around.resolution + PADDING) + 1
-        depth, height, width, _ = self.texture.shape
-        position = mi.Point3f(
-            as_component((places[0] + 0.5) / width),
-            as_component((places[1] + 0.5) / height),
-            as_component((mi.Float(below) + places[2] + 0.5) / depth),
-        )
+        places[2] += mi.Float(below)
+        centre = mi.Vector3f([as_component(places[axis] + 0.5) for axis in range(3)])
+        position = mi.Point3f(centre * self.per_texel)
         texel = self.texture.eval(position, as_mask(active))
         yield weights[u], weights[v], mi.Vector4f(*texel)
 
@@ -143,7 +144,9 @@ def build_texture(
         filter_mode=dr.FilterMode.Linear,
         wrap_mode=dr.WrapMode.Repeat,
     )
-    return TextureTexels(texture, mi.UInt32(starts), direction_count)
+    per_texel = mi.Vector3f(1.0 / width, 1.0 / width, 1.0 / depth)
+    dr.make_opaque(per_texel)
+    return TextureTexels(texture, mi.UInt32(starts), per_texel, direction_count)
 
 
 def stack_slabs(edges: list[int], direction_count: int) -> tuple[list[int], int]:

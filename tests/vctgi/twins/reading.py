@@ -1,4 +1,4 @@
-"""The layered read of one point, in double precision."""
+"""The layered read of one point and the read of a surface's own layer, in double precision."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from tests.vctgi.twins.downsampling import address, is_held
 from vctgi.clipmap.levels import ClipmapLayout
 from vctgi.clipmap.sampling import OPTICAL_DEPTH_CAP
+from vctgi.clipmap.slots import BEHIND_NUDGE
 from vctgi.maths.directions import other_axes
 
 
@@ -59,3 +60,30 @@ def read_medium(
             extinction += share * weight * depth
             source += share * weight * depth * color / alpha
     return extinction, source
+
+
+def read_surface(
+    volume: HostVolume, level: int, point: np.ndarray, normal: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Return radiance and opacity of a surface point in the layers that it was written to."""
+    layout = volume.layout.levels[level]
+    place = point / layout.voxel_size
+    lowest = np.floor(place - 0.5).astype(int)
+    fraction = place - 0.5 - lowest
+    alpha, color = 0.0, np.zeros(3)
+    for axis in range(3):
+        u, v = other_axes(axis)
+        slot, behind = (2 * axis, 1.0) if normal[axis] < 0.0 else (2 * axis + 1, -1.0)
+        layer = int(np.floor(place[axis] + behind * BEHIND_NUDGE))
+        for step_u, step_v in itertools.product(range(2), repeat=2):
+            voxel = lowest.copy()
+            voxel[axis], voxel[u], voxel[v] = layer, lowest[u] + step_u, lowest[v] + step_v
+            if not is_held(voxel, layout):
+                continue
+            weight_u = fraction[u] if step_u else 1.0 - fraction[u]
+            weight_v = fraction[v] if step_v else 1.0 - fraction[v]
+            weight = abs(normal[axis]) * weight_u * weight_v
+            where = (slot, *address(voxel, layout))
+            alpha += weight * volume.alphas[level][where]
+            color += weight * volume.colors[level][where]
+    return (color / alpha if alpha > 0.0 else color), alpha
