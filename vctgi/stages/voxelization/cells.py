@@ -12,9 +12,7 @@ from collections.abc import Callable
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.slots import BEHIND_NUDGE
-from vctgi.maths.directions import random_unit
-from vctgi.maths.stub_gaps import as_component
+from vctgi.stages.voxelization.alpha_masks import opaque_cells
 from vctgi.stages.voxelization.columns import (
     CELLS_PER_EDGE,
     EDGE_TOLERANCE,
@@ -24,6 +22,8 @@ from vctgi.stages.voxelization.columns import (
     along_axis,
     filled_depths,
 )
+from vctgi.stages.voxelization.depth_plane import DepthPlane, depth_plane
+from vctgi.stages.voxelization.triangles import DeviceTriangles
 
 PARALLEL_EDGE = 1e-14
 """An edge that rises less than this share of its length runs along the rows."""
@@ -36,11 +36,7 @@ ROW = (1 << CELLS_PER_EDGE) - 1
 
 
 def mark_cells(
-    masks: mi.UInt64,
-    columns: Columns,
-    table: RegionTable,
-    mask: mi.BSDF | None,
-    uv: list[mi.Point2f],
+    masks: mi.UInt64, columns: Columns, table: RegionTable, batch: DeviceTriangles
 ) -> None:
     """Set the bits of the cells that triangles cover, in every layer of voxels that they fill.
 
@@ -52,14 +48,14 @@ def mark_cells(
         Where to look.
     table
         Regions to fill.
-    mask, uv
-        BSDF that thins the coverage, if any, and the texture coordinates of the corners.
+    batch
+        The triangles; their mask thins the coverage.
     """
     view = columns.view
     plane = depth_plane(view, columns)
     covered = covered_cells(view, columns)
-    if mask is not None:
-        covered = _opaque_cells(covered, view, columns, plane, mask, uv)
+    if batch.mask is not None:
+        covered = opaque_cells(covered, columns, plane, batch)
     first, last = face_layers(view, table, plane)
     thickness = mi.Float64(view.slot.thickness)
     is_upward = view.slot.behind > 0
@@ -91,36 +87,19 @@ def _all_cells() -> mi.UInt64:
     return mi.UInt64(2**64 - 1)
 
 
-class DepthPlane:
-    """Depth of the cells of a face: `corner` at cell (0, 0), and its slopes per cell, in voxels.
+def face_layers(
+    view: FaceView, table: RegionTable, plane: DepthPlane, *, has_rim: bool = False
+) -> tuple[mi.Int32, mi.Int32]:
+    """First and last layer of voxels of the region that a face may fill.
 
-    The depth is moved a little behind the surface, as the rule of the slots asks.
+    By its cells' centres, or with the half cell around them (`has_rim`).
     """
-
-    def __init__(self, corner: mi.Float64, slope_u: mi.Float64, slope_v: mi.Float64) -> None:
-        self.corner, self.slope_u, self.slope_v = corner, slope_u, slope_v
-
-
-def depth_plane(view: FaceView, columns: Columns) -> DepthPlane:
-    """Return the depths of the plane of a triangle over a face."""
-    (u0, u1, u2), (v0, v1, v2), (d0, d1, d2) = view.u, view.v, view.depth
-    doubled = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)
-    scale = dr.select(doubled == 0.0, 0.0, 1.0 / dr.select(doubled == 0.0, 1.0, doubled))
-    slope_u = ((d1 - d0) * (v2 - v0) - (d2 - d0) * (v1 - v0)) * scale
-    slope_v = ((u1 - u0) * (d2 - d0) - (u2 - u0) * (d1 - d0)) * scale
-    to_u, to_v = (
-        mi.Float64(face * CELLS_PER_EDGE) + 0.5 - corner
-        for face, corner in ((columns.face_u, u0), (columns.face_v, v0))
-    )
-    nudge = mi.Float64(view.slot.behind) * BEHIND_NUDGE
-    return DepthPlane(d0 + slope_u * to_u + slope_v * to_v + nudge, slope_u, slope_v)
-
-
-def face_layers(view: FaceView, table: RegionTable, plane: DepthPlane) -> tuple[mi.Int32, mi.Int32]:
-    """First and last layer of voxels of the region that the cells of a face may fill."""
     reach = float(CELLS_PER_EDGE - 1)
     near = plane.corner + reach * (dr.minimum(plane.slope_u, 0.0) + dr.minimum(plane.slope_v, 0.0))
     far = plane.corner + reach * (dr.maximum(plane.slope_u, 0.0) + dr.maximum(plane.slope_v, 0.0))
+    if has_rim:
+        rim = 0.5 * (dr.abs(plane.slope_u) + dr.abs(plane.slope_v))
+        near, far = near - rim, far + rim
     low, high = filled_depths(view)
     near = dr.maximum(near - (view.low_depth - low), low)
     far = dr.minimum(far + (high - view.high_depth), high)
@@ -228,61 +207,3 @@ def face_word(columns: Columns, table: RegionTable) -> Callable[[mi.Int32], mi.U
     along = stride(axis)
     lowest = along_axis(table.low, region, axis)
     return lambda layer: base + mi.UInt32((layer - lowest) * along)
-
-
-def _opaque_cells(
-    covered: mi.UInt64,
-    view: FaceView,
-    columns: Columns,
-    plane: DepthPlane,
-    mask: mi.BSDF,
-    uv: list[mi.Point2f],
-) -> mi.UInt64:
-    """Keep the cells at which an alpha mask stops light, dithered so that their mean is right."""
-    (u0, u1, u2), (v0, v1, v2) = view.u, view.v
-    corners = [dr.gather(mi.Point2f, corner, view.triangle) for corner in uv]
-    doubled = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)
-    per_doubled = 1.0 / dr.select(doubled == 0.0, 1.0, doubled)
-
-    def body(kept: mi.UInt64, left: mi.UInt64) -> tuple[mi.UInt64, mi.UInt64]:
-        cell = mi.UInt32(dr.tzcnt(left))
-        local_u, local_v = cell % CELLS_PER_EDGE, cell // CELLS_PER_EDGE
-        cell_u = columns.face_u * CELLS_PER_EDGE + mi.Int32(local_u)
-        cell_v = columns.face_v * CELLS_PER_EDGE + mi.Int32(local_v)
-        to_u, to_v = mi.Float64(cell_u) + 0.5 - u0, mi.Float64(cell_v) + 0.5 - v0
-        second = (to_u * (v2 - v0) - (u2 - u0) * to_v) * per_doubled
-        third = ((u1 - u0) * to_v - to_u * (v1 - v0)) * per_doubled
-        shares = [mi.Float(1.0 - second - third), mi.Float(second), mi.Float(third)]
-        point = mi.Point2f(0.0)
-        for share, corner in zip(shares, corners, strict=True):
-            point += as_component(share) * corner
-        depth = plane.corner + plane.slope_u * mi.Float64(local_u)
-        depth += plane.slope_v * mi.Float64(local_v)
-        depth = dr.clip(depth, view.low_depth, view.high_depth)
-        is_opaque = _is_opaque(mask, point, cell_u, cell_v, mi.Int32(dr.floor(depth)))
-        bit = mi.UInt64(1) << mi.UInt64(cell)
-        return kept | dr.select(is_opaque, bit, 0), left & ~bit
-
-    kept, _ = dr.while_loop(
-        state=(dr.zeros(mi.UInt64, dr.width(covered)), covered),
-        cond=lambda kept, left: left != 0,
-        body=body,
-        labels=("kept", "left"),
-        label="opaque_cells",
-    )
-    return mi.UInt64(kept)
-
-
-def _is_opaque(
-    bsdf: mi.BSDF, uv: mi.Point2f, cell_u: mi.Int32, cell_v: mi.Int32, voxel: mi.Int32
-) -> mi.Bool:
-    """Whether an alpha mask stops light at a cell."""
-    si = dr.zeros(mi.SurfaceInteraction3f, dr.width(uv))
-    si.uv = uv
-    si.wi = mi.Vector3f(0.0, 0.0, 1.0)
-    si.sh_frame = mi.Frame3f(mi.Vector3f(0.0, 0.0, 1.0))
-    passed = dr.mean(mi.Color3f(bsdf.eval_null_transmission(si)))
-    threshold = random_unit(
-        mi.UInt32(cell_u) + 0x9E3779B9 * mi.UInt32(cell_v) + 0x85EBCA6B * mi.UInt32(voxel), 0
-    )
-    return passed <= threshold

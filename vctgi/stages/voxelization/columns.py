@@ -1,8 +1,8 @@
 """Columns: which voxel columns a triangle may cover, seen along each axis.
 
 Along each axis a region is a square of voxel columns, each of which shows a face of 8 x 8 cells;
-supersampling splits the face into several such squares. A triangle is met by the columns that hold
-a cell centre within its bounds. All regions, axes and triangles are enumerated in one launch: first
+supersampling splits the face into several such squares. A triangle meets the columns that its
+bounds touch. All regions, axes and triangles are enumerated in one launch: first
 how many columns each triangle meets, then one lane for each column.
 """
 
@@ -24,6 +24,21 @@ CELLS_PER_EDGE = 8
 EDGE_TOLERANCE = 1e-6
 """How far outside an edge, in cells, a centre still counts as covered: shared edges that rounding
 moves apart leave no cracks, and a bit set twice is set once."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Search:
+    """Which columns are enumerated."""
+
+    has_rim: bool = False
+    """Whether a column counts that a triangle's bounds touch without holding a cell's centre."""
+    is_dominant_only: bool = False
+    """Whether each triangle is seen along its axis of largest projected area alone."""
+    margin_voxels: int = 0
+    """How far outside a region columns are looked for, >= 0."""
+
+
+BY_CENTRES = Search()
 
 VIEWS_PER_PASS = 1 << 23
 """Triangles times regions times axes that are looked at together; bounds the memory of a pass."""
@@ -169,9 +184,9 @@ def along_axis(values: mi.Int32, region: mi.UInt32, axis: mi.UInt32) -> mi.Int32
 
 
 def enumerate_columns(
-    batch: DeviceTriangles, table: RegionTable, rule: SlotRule, is_dominant_only: bool = False
+    batch: DeviceTriangles, table: RegionTable, rule: SlotRule, search: Search = BY_CENTRES
 ) -> Iterator[Columns]:
-    """Yield the columns that hold cell centres within the bounds of triangles, pass by pass.
+    """Yield the columns that the bounds of triangles touch, pass by pass.
 
     Parameters
     ----------
@@ -181,8 +196,8 @@ def enumerate_columns(
         Regions to fill.
     rule
         How thick surfaces are made.
-    is_dominant_only
-        Whether each triangle is seen along its axis of largest projected area alone.
+    search
+        Which of them count.
     """
     pairs = 3 * dr.width(table.per_voxel)
     chunk = max(1, VIEWS_PER_PASS // pairs)
@@ -194,9 +209,7 @@ def enumerate_columns(
         pair = lane // width
         start = dr.opaque(mi.UInt32, begin)
         lanes = (lane % width + start, pair // 3, pair % 3)
-        first_u, first_v, count_u, column_count = _bounds(
-            batch, table, rule, lanes, is_dominant_only
-        )
+        first_u, first_v, count_u, column_count = _bounds(batch, table, rule, lanes, search)
         met = mi.UInt32(dr.compress(column_count > 0))
         if dr.width(met) == 0:
             continue
@@ -233,7 +246,7 @@ def _bounds(
     table: RegionTable,
     rule: SlotRule,
     lanes: tuple[mi.UInt32, mi.UInt32, mi.UInt32],
-    is_dominant_only: bool,
+    search: Search,
 ) -> tuple[mi.Int32, mi.Int32, mi.UInt32, mi.UInt32]:
     """First face along u and v, faces along u, and faces in all, of each triangle's bounds."""
     view = view_along(batch, table, rule, lanes)
@@ -241,13 +254,16 @@ def _bounds(
     factor = mi.Int32(dr.gather(mi.UInt32, table.supersampling, region))
 
     def face_range(cells: list[mi.Float64], which: mi.UInt32) -> tuple[mi.Int32, mi.Int32]:
-        low = factor * along_axis(table.low, region, which)
-        high = low + factor * along_axis(table.shape, region, which) - 1
+        low = factor * (along_axis(table.low, region, which) - search.margin_voxels)
+        shape = along_axis(table.shape, region, which) + 2 * search.margin_voxels
+        high = low + factor * shape - 1
         least = dr.minimum(dr.minimum(cells[0], cells[1]), cells[2])
         most = dr.maximum(dr.maximum(cells[0], cells[1]), cells[2])
-        # Centres within the bounds; in double precision until clipped: far triangles overflow.
-        first = dr.floor(dr.ceil(least - 0.5 - EDGE_TOLERANCE) / CELLS_PER_EDGE)
-        last = dr.floor(dr.floor(most - 0.5 + EDGE_TOLERANCE) / CELLS_PER_EDGE)
+        if not search.has_rim:
+            least = dr.ceil(least - 0.5 - EDGE_TOLERANCE)
+            most = dr.floor(most - 0.5 + EDGE_TOLERANCE)
+        # In double precision until clipped: far triangles overflow an integer.
+        first, last = dr.floor(least / CELLS_PER_EDGE), dr.floor(most / CELLS_PER_EDGE)
         first = dr.clip(first, mi.Float64(low), mi.Float64(high) + 1.0)
         last = dr.clip(last, mi.Float64(low) - 1.0, mi.Float64(high))
         return mi.Int32(first), mi.Int32(dr.maximum(last - first + 1.0, 0.0))
@@ -255,10 +271,10 @@ def _bounds(
     first_u, count_u = face_range(view.u, (axis + 1) % 3)
     first_v, count_v = face_range(view.v, (axis + 2) % 3)
     near, far = filled_depths(view)
-    low_layer = along_axis(table.low, region, axis)
-    high_layer = low_layer + along_axis(table.shape, region, axis)
+    low_layer = along_axis(table.low, region, axis) - search.margin_voxels
+    high_layer = low_layer + along_axis(table.shape, region, axis) + 2 * search.margin_voxels
     is_met = (far >= mi.Float64(low_layer)) & (near < mi.Float64(high_layer)) & view.slot.is_facing
-    if is_dominant_only:
+    if search.is_dominant_only:
         is_met &= axis == dominant_axis(batch, view.triangle)
     column_count = dr.select(is_met, mi.UInt32(count_u * count_v), 0)
     dr.eval(first_u, first_v, count_u, column_count)

@@ -22,11 +22,18 @@ from vctgi.clipmap.slots import SlotRule
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.scene.surfaces import VoxelSurfaces
+from vctgi.stages.voxelization.analytic import UNIT, add_areas
 from vctgi.stages.voxelization.cells import mark_cells
-from vctgi.stages.voxelization.columns import CELLS_PER_EDGE, enumerate_columns, region_table
+from vctgi.stages.voxelization.columns import (
+    CELLS_PER_EDGE,
+    RegionTable,
+    Search,
+    enumerate_columns,
+    region_table,
+)
 from vctgi.stages.voxelization.triangles import DeviceTriangles, upload_triangles
 
-Coverage = Literal["cells"]
+Coverage = Literal["cells", "analytic"]
 
 WORDS_PER_PASS = 1 << 27
 """64-bit words of coverage that are held at a time (1 GiB); more is done in several passes."""
@@ -40,7 +47,7 @@ class OpacityVoxelizationConfig:
 
     coverage: Coverage = "cells"
     """How the covered share of a face is found. "cells": an 8 x 8 grid of cell centres along each
-    axis."""
+    axis. "analytic": the exact area of each triangle; areas add."""
     max_supersampling: int = 1
     """Largest factor by which the cells of coarse levels are divided: level l has 8 x 2^l cells
     along an edge, up to 8 x this; a power of two in 1 .. 8."""
@@ -62,6 +69,11 @@ class OpacityVoxelizationConfig:
             raise ValueError(
                 "OpacityVoxelizationConfig.max_supersampling must be a power of two in "
                 f"1 .. {MAX_SUPERSAMPLING}, got {factor}."
+            )
+        if self.coverage == "analytic" and factor > 1:
+            raise ValueError(
+                "OpacityVoxelizationConfig.max_supersampling must be 1 with analytic coverage, "
+                f"which is exact, got {factor}."
             )
 
     def supersampling(self, level: int) -> int:
@@ -125,16 +137,31 @@ def fill_regions(
     for group in _passes(regions, config):
         factors = [config.supersampling(region.level.level) for region in group]
         table = region_table(group, factors)
-        masks = dr.zeros(mi.UInt64, table.word_count)
-        for batch in triangles:
-            for columns in enumerate_columns(batch, table, config.slots):
-                mark_cells(masks, columns, table, batch.mask, batch.uv)
-                dr.eval(masks)
+        words = _cover(triangles, table, config)
         offset = 0
         for region, factor in zip(group, factors, strict=True):
-            _write(levels[region.level.level], masks, region, factor, offset, config)
+            _write(levels[region.level.level], words, region, factor, offset, config)
             offset += DIRECTION_COUNT * factor**2 * region.voxel_count
         dr.eval([levels[region.level.level] for region in group])
+
+
+def _cover(
+    triangles: list[DeviceTriangles], table: RegionTable, config: OpacityVoxelizationConfig
+) -> mi.UInt64 | mi.Int64:
+    """Covered cells, or areas in fixed point, of all faces of a table."""
+    if config.coverage == "analytic":
+        sums = dr.zeros(mi.Int64, table.word_count)
+        for batch in triangles:
+            for columns in enumerate_columns(batch, table, config.slots, Search(has_rim=True)):
+                add_areas(sums, columns, table, batch)
+                dr.eval(sums)
+        return sums
+    masks = dr.zeros(mi.UInt64, table.word_count)
+    for batch in triangles:
+        for columns in enumerate_columns(batch, table, config.slots):
+            mark_cells(masks, columns, table, batch)
+            dr.eval(masks)
+    return masks
 
 
 def _passes(regions: Sequence[Region], config: OpacityVoxelizationConfig) -> Iterator[list[Region]]:
@@ -155,27 +182,34 @@ def _passes(regions: Sequence[Region], config: OpacityVoxelizationConfig) -> Ite
 
 def _write(
     opacity: mi.Float,
-    masks: mi.UInt64,
+    words: mi.UInt64 | mi.Int64,
     region: Region,
     factor: int,
     offset: int,
     config: OpacityVoxelizationConfig,
 ) -> None:
-    """Turn the covered cells of a box into opacity at the texels of its level."""
+    """Turn the coverage of a box into opacity at the texels of its level."""
     level = region.level
     # What differs from frame to frame is opaque, so that a moved camera compiles nothing.
     volume, base = dr.opaque(mi.UInt32, region.voxel_count), dr.opaque(mi.UInt32, offset)
     lane = dr.arange(mi.UInt32, DIRECTION_COUNT * region.voxel_count)
     slot, place = lane // volume, lane % volume
-    voxel = voxel_of_place(place, [region])
-    covered = mi.UInt32(0)
-    for sub_face in range(factor**2):
-        word = base + (slot * factor**2 + sub_face) * volume + place
-        bits = dr.gather(mi.UInt64, masks, word)
+
+    def word(slot: mi.UInt32, sub_face: int) -> mi.UInt32:
+        return base + (slot * factor**2 + sub_face) * volume + place
+
+    if isinstance(words, mi.Int64):
+        covered_areas = dr.gather(mi.Int64, words, word(slot, 0))
         if config.is_two_sided:
-            other = base + ((slot ^ 1) * factor**2 + sub_face) * volume + place
-            bits |= dr.gather(mi.UInt64, masks, other)
-        covered += mi.UInt32(dr.popcnt(bits))
-    share = mi.Float(covered) * (1.0 / (factor * CELLS_PER_EDGE) ** 2)
-    texel = texel_from_voxel(voxel, level.resolution) + slot * level.voxel_count
-    dr.scatter(opacity, share, texel)
+            covered_areas += dr.gather(mi.Int64, words, word(slot ^ 1, 0))
+        share = dr.minimum(mi.Float(mi.Float64(covered_areas) / UNIT), 1.0)
+    else:
+        covered = mi.UInt32(0)
+        for sub_face in range(factor**2):
+            bits = dr.gather(mi.UInt64, words, word(slot, sub_face))
+            if config.is_two_sided:
+                bits |= dr.gather(mi.UInt64, words, word(slot ^ 1, sub_face))
+            covered += mi.UInt32(dr.popcnt(bits))
+        share = mi.Float(covered) * (1.0 / (factor * CELLS_PER_EDGE) ** 2)
+    texel = texel_from_voxel(voxel_of_place(place, [region]), level.resolution)
+    dr.scatter(opacity, share, texel + slot * level.voxel_count)
