@@ -1,4 +1,4 @@
-"""The layered read equals its slow twin; the optical depth is a bounded logarithm."""
+"""The reads equal their slow twins in every format; the optical depth is a bounded logarithm."""
 
 from __future__ import annotations
 
@@ -18,9 +18,11 @@ from tests.vctgi.hand_made_volumes import (
 )
 from tests.vctgi.twins.reading import HostVolume
 from tests.vctgi.twins.reading import read_medium as slow_read
+from tests.vctgi.twins.reading import read_surface as slow_surface
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
-from vctgi.clipmap.sampling import OPTICAL_DEPTH_CAP, optical_depth, read_medium
-from vctgi.clipmap.storage import pack_volume
+from vctgi.clipmap.sampling import OPTICAL_DEPTH_CAP, optical_depth, read_medium, read_surface
+from vctgi.clipmap.storage import CODES, StorageConfig, VoxelVolume, pack_volume
+from vctgi.clipmap.unpacking import unpack_level
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -30,32 +32,60 @@ weights of a read add their own rounding before that."""
 
 SINGLE_PRECISION = 1e-5
 
+CONFIGS = [
+    StorageConfig(format=name, direction_count=direction_count)  # type: ignore[arg-type]
+    for name in CODES
+    if name != "texture16"
+    for direction_count in (6, 3, 1)
+]
+"""Every way of storing voxels in arrays."""
+
 
 def layout() -> ClipmapLayout:
     return lay_out_clipmap((0.4, -3.0, 2.0), finest_voxel_size=0.5, level_count=2, resolution=8)
 
 
-def test_equals_the_twin() -> None:
-    where = layout()
-    alphas, colors = random_values(where, seed=5)
-    device = pack_volume(opacity_of(where, alphas), emittance_of(where, colors))
-    host = HostVolume(where, alphas, colors)
+def random_rays(where: ClipmapLayout) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Levels, points in and around the windows, and unit directions."""
     rng = np.random.default_rng(11)
     count = 200
     levels = rng.integers(0, len(where.levels), count)
     points = np.array(where.centre) + rng.uniform(-6.0, 6.0, (count, 3))
     directions = rng.normal(size=(count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    medium = read_medium(
-        device,
+    return levels, points, directions
+
+
+def on_device(
+    levels: np.ndarray, points: np.ndarray, directions: np.ndarray
+) -> tuple[mi.UInt32, mi.Point3f, mi.Vector3f]:
+    return (
         mi.UInt32(levels.astype(np.uint32)),
         mi.Point3f(np.ascontiguousarray(points.T, dtype=np.float32)),
         mi.Vector3f(np.ascontiguousarray(directions.T, dtype=np.float32)),
     )
-    slow = [
-        slow_read(host, int(level), point, direction)
-        for level, point, direction in zip(levels, points, directions, strict=True)
-    ]
+
+
+def stored_volume(config: StorageConfig) -> tuple[VoxelVolume, HostVolume]:
+    """Return a random volume in a format, and what the format made of it."""
+    where = layout()
+    alphas, colors = random_values(where, seed=5)
+    device = pack_volume(opacity_of(where, alphas), emittance_of(where, colors), config)
+    if config == StorageConfig():
+        return device, HostVolume(where, alphas, colors)
+    stored = [unpack_level(device, level) for level in where.levels]
+    shapes = [(6,) + (level.resolution,) * 3 for level in where.levels]
+    alphas = [np.array(t.opacity).reshape(s) for t, s in zip(stored, shapes, strict=True)]
+    colors = [np.array(t.emittance).T.reshape(*s, 3) for t, s in zip(stored, shapes, strict=True)]
+    return device, HostVolume(where, alphas, colors)
+
+
+@pytest.mark.parametrize("config", CONFIGS, ids=str)
+def test_the_medium_equals_the_twin(config: StorageConfig) -> None:
+    device, host = stored_volume(config)
+    rays = random_rays(host.layout)
+    medium = read_medium(device, *on_device(*rays))
+    slow = [slow_read(host, int(level), p, d) for level, p, d in zip(*rays, strict=True)]
     extinction = np.array([e for e, _ in slow])
     source = np.array([s for _, s in slow])
     assert (extinction > 0.0).any()
@@ -66,6 +96,30 @@ def test_equals_the_twin() -> None:
     np.testing.assert_allclose(
         np.array(medium.source).T, source, rtol=NEAR_OPAQUE_ROUNDING, atol=SINGLE_PRECISION
     )
+
+
+@pytest.mark.parametrize("config", CONFIGS, ids=str)
+def test_the_surface_equals_the_twin(config: StorageConfig) -> None:
+    device, host = stored_volume(config)
+    rays = random_rays(host.layout)
+    radiance, opacity = read_surface(device, *on_device(*rays), mi.Bool(True))
+    slow = [slow_surface(host, int(level), p, n) for level, p, n in zip(*rays, strict=True)]
+    known = np.array([a for _, a in slow])
+    np.testing.assert_allclose(np.array(opacity), known, rtol=1e-4, atol=SINGLE_PRECISION)
+    assert (known == 0.0).any()
+    # Where hardly anything is, the quotient of two small numbers is not told apart.
+    solid = known > 1e-2
+    assert solid.any()
+    np.testing.assert_allclose(
+        np.array(radiance).T[solid], np.array([c for c, _ in slow])[solid], rtol=1e-3
+    )
+
+
+def test_a_surface_is_not_read_where_it_is_not_asked_for() -> None:
+    device, _ = stored_volume(StorageConfig())
+    radiance, opacity = read_surface(device, *on_device(*random_rays(layout())), mi.Bool(False))
+    assert not np.array(radiance).any()
+    assert not np.array(opacity).any()
 
 
 def test_homogeneous_medium_reads_its_extinction_at_every_level() -> None:
