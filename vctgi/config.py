@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from vctgi.clipmap.levels import ClipmapConfig
+from vctgi.clipmap.storage import StorageConfig
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig
 from vctgi.stages.cone_tracing.march import ConeMarchConfig
 from vctgi.stages.cone_tracing.specular import SpecularConesConfig
 from vctgi.stages.gbuffer import GBufferConfig
 from vctgi.stages.reflective_shadow_map import ReflectiveShadowMapConfig
+from vctgi.stages.voxelization.opacity import OpacityVoxelizationConfig
 
 SCATTERING_COUNT = 2
 """Surface scatterings between emitter and eye of the light that is rendered: one bounce."""
@@ -21,6 +23,10 @@ class RenderConfig:
 
     clipmap: ClipmapConfig = field(default_factory=ClipmapConfig)
     """Size of the clipmap."""
+    voxelization: OpacityVoxelizationConfig = field(default_factory=OpacityVoxelizationConfig)
+    """How surfaces become opacity."""
+    storage: StorageConfig = field(default_factory=StorageConfig)
+    """How voxels are stored for reading."""
     reflective_shadow_map: ReflectiveShadowMapConfig = field(
         default_factory=ReflectiveShadowMapConfig
     )

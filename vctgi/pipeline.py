@@ -14,7 +14,8 @@ from typing import Protocol
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.storage import VoxelVolume, pack_volume
+from vctgi.clipmap.regions import count_voxels, window_region
+from vctgi.clipmap.storage import OpacityClipmap, VoxelVolume, pack_volume
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
 from vctgi.maths.directions import TEA_ROUNDS, kronecker_points, random_unit
@@ -33,6 +34,8 @@ from vctgi.stages.gbuffer import trace_gbuffer
 from vctgi.stages.light_injection import inject_light
 from vctgi.stages.reflective_shadow_map import render_reflective_shadow_maps
 from vctgi.stages.voxelization.opacity import voxelize_opacity
+from vctgi.stages.voxelization.triangles import upload_triangles
+from vctgi.stages.voxelization.update import changed_bounds, update_opacity
 
 
 class StageClock(Protocol):
@@ -67,6 +70,25 @@ class PreparedScene:
     materials: list[Material]
     surfaces: VoxelSurfaces
     plan: Plan
+
+
+@dataclass
+class SceneVoxels:
+    """Voxels of a scene's surfaces, which are kept over frames.
+
+    Attributes
+    ----------
+    surfaces
+        What they hold.
+    opacity
+        Opacity at each clip level's own resolution.
+    filled_count
+        Voxels that the last call filled anew.
+    """
+
+    surfaces: VoxelSurfaces
+    opacity: OpacityClipmap
+    filled_count: int
 
 
 @dataclass
@@ -132,13 +154,62 @@ def prepare_scene(
     return PreparedScene(scene, sensor, triangles, materials, surfaces, plan)
 
 
-def light_volume(
+def voxelize_scene(
     prepared: PreparedScene, config: RenderConfig, clock: StageClock = no_clock
-) -> LitVolume:
-    """Voxelize a scene and light the voxels."""
-    plan = prepared.plan
+) -> SceneVoxels:
+    """Voxelize the surfaces of a scene."""
     with clock("opacity voxelization"):
-        opacity = voxelize_opacity(prepared.surfaces, plan.layout)
+        layout = prepared.plan.layout
+        opacity = voxelize_opacity(prepared.surfaces, layout, config.voxelization)
+        dr.eval(opacity.levels)
+    return SceneVoxels(prepared.surfaces, opacity, count_voxels(map(window_region, layout.levels)))
+
+
+def update_voxels(
+    voxels: SceneVoxels, prepared: PreparedScene, config: RenderConfig, clock: StageClock = no_clock
+) -> SceneVoxels:
+    """Make voxels follow a moved camera, and surfaces that moved, came or went.
+
+    Parameters
+    ----------
+    voxels
+        Voxels of an earlier frame; used up, their arrays are changed.
+    prepared
+        The scene as it is now, with windows of the same sizes (`clipmap.levels.move_clipmap`).
+    config
+        As for the earlier frame.
+    clock
+        Times the stages.
+
+    Returns
+    -------
+    SceneVoxels
+        The same as `voxelize_scene` returns, bit for bit.
+    """
+    with clock("opacity voxelization"):
+        opacity, stale = update_opacity(
+            voxels.opacity,
+            upload_triangles(prepared.surfaces),
+            prepared.plan.layout,
+            changed_bounds(voxels.surfaces, prepared.surfaces),
+            config.voxelization,
+        )
+    return SceneVoxels(
+        prepared.surfaces, opacity, count_voxels(box for boxes in stale for box in boxes)
+    )
+
+
+def light_volume(
+    prepared: PreparedScene,
+    config: RenderConfig,
+    clock: StageClock = no_clock,
+    voxels: SceneVoxels | None = None,
+) -> LitVolume:
+    """Light the voxels of a scene, which are made first if they are not given."""
+    plan = prepared.plan
+    if voxels is None:
+        voxels = voxelize_scene(prepared, config, clock)
+    opacity = voxels.opacity
     with clock("reflective shadow maps"):
         maps = render_reflective_shadow_maps(
             prepared.scene, list(plan.lights), plan.layout, config.reflective_shadow_map
@@ -146,9 +217,9 @@ def light_volume(
     with clock("light injection"):
         emittance = inject_light(maps, opacity)
     with clock("downsampling"):
-        opacity, lit = downsample(opacity, emittance)
+        merged, lit = downsample(opacity, emittance)
         assert lit is not None, "downsampling keeps the emittance it is given"
-        volume = pack_volume(opacity, lit)
+        volume = pack_volume(merged, lit, config.storage)
     return LitVolume(volume, lit.lost_flux_share, sum(m.texel_count for m in maps))
 
 

@@ -17,7 +17,7 @@ from vctgi.clipmap.levels import (
     ClipmapLayout,
     lay_out_clipmap,
 )
-from vctgi.scene.camera import survey_rays
+from vctgi.scene.camera import survey_rays, viewer
 from vctgi.scene.lights import Light
 from vctgi.scene.materials import Material
 from vctgi.scene.triangles import SceneTriangles
@@ -145,7 +145,11 @@ def _choose_layout(
     voxel_size = config.finest_voxel_size or (
         max(float(np.max(near_high - near_low)), smallest) / usable
     )
-    x, y, z = (0.5 * (near_low + near_high)).tolist()
+    middle = 0.5 * (near_low + near_high)
+    if config.ahead is not None:
+        position, forward = viewer(sensor)
+        middle = position + config.ahead * 0.5 * config.resolution * voxel_size * forward
+    x, y, z = middle.tolist()
     centre = config.centre or (x, y, z)
 
     def lay_out(level_count: int) -> ClipmapLayout:

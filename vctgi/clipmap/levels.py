@@ -33,6 +33,9 @@ class ClipmapConfig:
     """Most clip levels that are chosen automatically."""
     centre: tuple[float, float, float] | None = None
     """World point that the windows surround."""
+    ahead: float | None = None
+    """Places the centre this far ahead of the viewer, in half extents of the finest window, 0 .. 1;
+    None surrounds what the viewer sees nearby."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be addressed."""
@@ -45,6 +48,13 @@ class ClipmapConfig:
             raise ValueError(
                 f"ClipmapConfig.finest_voxel_size must be > 0, got {self.finest_voxel_size}."
             )
+        if self.ahead is not None and not 0.0 <= self.ahead <= 1.0:
+            raise ValueError(
+                f"ClipmapConfig.ahead must be in [0, 1], got {self.ahead}: "
+                "farther ahead, the viewer stands outside the finest window."
+            )
+        if self.ahead is not None and self.centre is not None:
+            raise ValueError("ClipmapConfig: give either centre or ahead, not both.")
         for name in ("level_count", "max_level_count"):
             value = getattr(self, name)
             if value is not None and not 1 <= value <= 8:
@@ -177,6 +187,16 @@ def lay_out_clipmap(
         levels.append(_level(finer.level + 1, 2.0 * finer.voxel_size, mip_resolution, origin))
         mip_resolution //= 2
     return ClipmapLayout(levels=tuple(levels), clip_level_count=level_count, centre=centre)
+
+
+def move_clipmap(layout: ClipmapLayout, centre: tuple[float, float, float]) -> ClipmapLayout:
+    """Return the same levels around another world point."""
+    return lay_out_clipmap(
+        centre,
+        finest_voxel_size=layout.finest_voxel_size,
+        level_count=layout.clip_level_count,
+        resolution=layout.resolution,
+    )
 
 
 def _level(level: int, voxel_size: float, resolution: int, origin: tuple[int, ...]) -> LevelLayout:

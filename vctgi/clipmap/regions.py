@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -173,6 +173,11 @@ def unmerged_regions(
             boxes += [box for box in (old, new) if box is not None]
         unmerged.append(boxes)
     return unmerged
+
+
+def count_voxels(regions: Iterable[Region]) -> int:
+    """Voxels of all boxes, those that several share counted several times."""
+    return sum(region.voxel_count for region in regions)
 
 
 def same_levels(first: ClipmapLayout, second: ClipmapLayout) -> bool:

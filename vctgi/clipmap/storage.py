@@ -9,7 +9,7 @@ cones read.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import drjit as dr
@@ -79,11 +79,15 @@ class EmittanceClipmap:
         opacity: what a ray travelling along the direction meets from its front.
     lost_flux_share
         Share of the reflected flux that fell where the clipmap has no opacity, per clip level.
+    steps_per_unit
+        Fixed-point steps per W m^-2 sr^-1 in which light was summed, per clip level; 0 where there
+        was none.
     """
 
     layout: ClipmapLayout
     levels: list[mi.Color3f]
     lost_flux_share: list[float]
+    steps_per_unit: list[float] = field(default_factory=list)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from vctgi.maths.stub_gaps import as_component
 
@@ -23,3 +24,10 @@ def survey_rays(sensor: mi.Sensor, resolution: int) -> mi.Ray3f:
     # The second argument chooses wavelengths, which an RGB variant does not have.
     ray, _ = sensor.sample_ray(as_component(0.0), as_component(0.5), film, mi.Point2f(0.5))
     return ray
+
+
+def viewer(sensor: mi.Sensor) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the camera stands and the unit direction in which it looks, [3] each."""
+    rows = np.array(sensor.world_transform().matrix, dtype=np.float64).reshape(4, 4, -1)[..., 0]
+    forward = rows[:3, 2]
+    return rows[:3, 3], forward / np.linalg.norm(forward)

@@ -8,15 +8,18 @@ it covers. Sums are made in 64-bit fixed point, so they do not depend on the ord
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.addressing import texel_from_voxel
+from vctgi.clipmap.addressing import is_inside, texel_from_voxel, voxel_of_place
 from vctgi.clipmap.levels import LevelLayout
+from vctgi.clipmap.regions import Region, window_region
 from vctgi.clipmap.slots import filled_layers, surface_slot
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
-from vctgi.maths.directions import DIRECTION_COUNT, other_axes
+from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.scene.records import ReflectiveShadowMap
 
 FIXED_POINT_BITS = 60
@@ -44,72 +47,153 @@ def inject_light(maps: list[ReflectiveShadowMap], opacity: OpacityClipmap) -> Em
     [Panteleev2014], slides "Light injection".
     """
     layout = opacity.layout
-    levels, lost_shares = [], []
-    for level in layout.levels:
-        if level.level >= layout.clip_level_count:
-            levels.append(dr.zeros(mi.Color3f, DIRECTION_COUNT * level.voxel_count))
-            continue
+    dark = EmittanceClipmap(
+        layout,
+        [dr.zeros(mi.Color3f, DIRECTION_COUNT * level.voxel_count) for level in layout.levels],
+        [0.0] * layout.clip_level_count,
+        [0.0] * layout.clip_level_count,
+    )
+    whole: list[list[Region]] = [[window_region(level)] for level in layout.clip_levels]
+    return update_emittance(dark, maps, opacity, whole)
+
+
+def update_emittance(
+    emittance: EmittanceClipmap,
+    maps: list[ReflectiveShadowMap],
+    opacity: OpacityClipmap,
+    stale: Sequence[Sequence[Region]],
+) -> EmittanceClipmap:
+    """Light anew what became stale.
+
+    Parameters
+    ----------
+    emittance
+        What `inject_light` or an earlier update returned; used up, its arrays are changed.
+    maps
+        All lit points as they are now.
+    opacity
+        Opacity at each clip level's own resolution, as it is now.
+    stale
+        Boxes of each level whose surfaces, opacity or light changed; all else must be as it was.
+
+    Returns
+    -------
+    EmittanceClipmap
+        The same, bit for bit, as `inject_light` of all of it.
+    """
+    layout = opacity.layout
+    lit = EmittanceClipmap(layout, emittance.levels, [], [])
+    for level in layout.clip_levels:
         lighting = [m for m in maps if m.level in (None, level.level)]
-        emittance, lost_share = _inject_level(lighting, opacity, level)
-        levels.append(emittance)
-        lost_shares.append(lost_share)
-    return EmittanceClipmap(layout, levels, lost_shares)
+        steps = _steps_per_unit(lighting, level)
+        # Light summed in other steps is rounded otherwise: then all of it is summed again.
+        is_kept = steps == emittance.steps_per_unit[level.level]
+        boxes = list(stale[level.level]) if is_kept else [window_region(level)]
+        lit.lost_flux_share.append(_fill(lit, lighting, opacity, boxes, steps, level))
+        lit.steps_per_unit.append(steps)
+    return lit
 
 
-def _inject_level(
-    maps: list[ReflectiveShadowMap], opacity: OpacityClipmap, level: LevelLayout
-) -> tuple[mi.Color3f, float]:
-    """Emittance of one level, and the share of the flux in its window that was lost."""
-    count = DIRECTION_COUNT * level.voxel_count
+def _steps_per_unit(maps: list[ReflectiveShadowMap], level: LevelLayout) -> float:
+    """Fixed-point steps per unit of emittance, a power of two; 0 without light."""
     total = sum(float(dr.sum(dr.max(m.reflected_flux))[0]) for m in maps)
     total *= _radiance_per_flux(level)
     if total == 0.0:
-        return dr.zeros(mi.Color3f, count), 0.0
+        return 0.0
     if not math.isfinite(total):
         raise ValueError(
             "inject_light: the reflected flux of the scene's lights is not finite; "
             "check the emitters' power and the textures."
         )
-    # A power of two keeps the scaling exact.
-    scale = 2.0 ** (FIXED_POINT_BITS - math.ceil(math.log2(total)))
-    sums = [dr.zeros(mi.Int64, count) for _ in range(3)]
+    return 2.0 ** (FIXED_POINT_BITS - math.ceil(math.log2(total)))
+
+
+@dataclass
+class _Target:
+    """Boxes of a level that are lit, as places in a list of their voxels."""
+
+    place: mi.UInt32  # of each texel of the level; NOWHERE outside the boxes
+    count: mi.UInt32
+    sums: list[mi.Int64]
+
+
+NOWHERE = 0xFFFFFFFF
+"""Place of a voxel that is not lit anew."""
+
+
+def _fill(
+    lit: EmittanceClipmap,
+    maps: list[ReflectiveShadowMap],
+    opacity: OpacityClipmap,
+    boxes: list[Region],
+    steps: float,
+    level: LevelLayout,
+) -> float:
+    """Overwrite the emittance in boxes of a level; return the share of flux that was lost."""
+    count = sum(box.voxel_count for box in boxes)
+    place = dr.full(mi.UInt32, NOWHERE, level.voxel_count)
+    if count:
+        lane = dr.arange(mi.UInt32, count)
+        texel = texel_from_voxel(voxel_of_place(lane, boxes), level.resolution)
+        dr.scatter(place, lane, texel)
+    sums = [dr.zeros(mi.Int64, max(1, DIRECTION_COUNT * count)) for _ in range(3)]
+    target = _Target(place, dr.opaque(mi.UInt32, count), sums)
     found, lost = 0.0, 0.0
     for rsm in maps:
         for axis in range(3):
-            found_here, lost_here = _scatter(sums, rsm, opacity, level, axis, scale)
+            found_here, lost_here = _scatter(target, rsm, opacity, level, axis, steps)
             found += found_here
             lost += lost_here
-    emittance = mi.Color3f(*(mi.Float(mi.Float64(s) / scale) for s in sums))
-    dr.eval(emittance)
-    return emittance, lost / (found + lost) if found + lost > 0.0 else 0.0
+    if count:
+        lane = dr.arange(mi.UInt32, DIRECTION_COUNT * count)
+        voxel = voxel_of_place(lane % target.count, boxes)
+        texel = texel_from_voxel(voxel, level.resolution)
+        # A place that two boxes share has light in the one that came last; both are given it.
+        held = dr.gather(mi.UInt32, place, texel) + lane // target.count * target.count
+        per_step = dr.opaque(mi.Float64, 1.0 / steps if steps else 0.0)
+        emitted = [mi.Float(mi.Float64(dr.gather(mi.Int64, s, held)) * per_step) for s in sums]
+        index = texel + lane // target.count * level.voxel_count
+        dr.scatter(lit.levels[level.level], mi.Color3f(*emitted), index)
+        dr.eval(lit.levels[level.level])
+    return lost / (found + lost) if found + lost > 0.0 else 0.0
 
 
 def _scatter(
-    sums: list[mi.Int64],
+    target: _Target,
     rsm: ReflectiveShadowMap,
     opacity: OpacityClipmap,
     level: LevelLayout,
     axis: int,
-    scale: float,
+    steps: float,
 ) -> tuple[float, float]:
     """Add the texels of one map to the slots of one axis; return what was found and lost."""
-    alpha = opacity.levels[level.level]
     slot = surface_slot(mi.Float(rsm.normal[axis]), opacity.rule)
     value = rsm.reflected_flux * (dr.abs(rsm.normal[axis]) * _radiance_per_flux(level))
-    place = rsm.position / level.voxel_size
-    voxel = mi.Vector3i(dr.floor(place)) - mi.Vector3i(*level.origin)
-    u, v = other_axes(axis)
-    is_across = _is_held(mi.Int32(voxel[u]), level) & _is_held(mi.Int32(voxel[v]), level)
+    where = rsm.position / level.voxel_size
+    voxel = mi.Vector3i(dr.floor(where))
+    scale = dr.opaque(mi.Float64, steps)
 
     found, lost = 0.0, 0.0
-    for number, (layer, is_filled) in enumerate(filled_layers(mi.Float(place[axis]), slot)):
-        depth = layer - level.origin[axis]
-        active = is_across & is_filled & _is_held(depth, level)
-        index = _slot_index(voxel, depth, axis, slot.side, level)
+    for number, (layer, is_filled) in enumerate(filled_layers(mi.Float(where[axis]), slot)):
+        filled = mi.Vector3i([layer if i == axis else mi.Int32(voxel[i]) for i in range(3)])
+        active = is_filled & is_inside(filled, level)
+        texel = texel_from_voxel(filled, level.resolution)
+        direction = 2 * axis + slot.side
+        alpha = opacity.levels[level.level]
+        index = texel + direction * level.voxel_count
         is_seen = active & (dr.gather(mi.Float, alpha, index, active) > 0.0)
+        place = dr.gather(mi.UInt32, target.place, texel, active)
+        is_stale = is_seen & (place != NOWHERE)
         for channel in range(3):
             amount = mi.Int64(dr.round(mi.Float64(value[channel]) * scale))
-            dr.scatter_reduce(dr.ReduceOp.Add, sums[channel], amount, index, is_seen)
+            dr.scatter_reduce(
+                dr.ReduceOp.Add,
+                target.sums[channel],
+                amount,
+                place + direction * target.count,
+                is_stale,
+                dr.ReduceMode.Direct,
+            )
         if number == 0:
             brightness = mi.Float(dr.mean(value))
             found = _total(brightness, is_seen)
@@ -125,17 +209,3 @@ def _radiance_per_flux(level: LevelLayout) -> float:
 def _total(value: mi.Float, active: mi.Bool) -> float:
     held = dr.select(active, value, 0.0)
     return float(dr.sum(held)[0])
-
-
-def _is_held(coordinate: mi.Int32, level: LevelLayout) -> mi.Bool:
-    return (coordinate >= 0) & (coordinate < level.resolution)
-
-
-def _slot_index(
-    voxel: mi.Vector3i, depth: mi.Int32, axis: int, side: mi.UInt32, level: LevelLayout
-) -> mi.UInt32:
-    """Storage index of the slot of a voxel given relative to the window's corner."""
-    local = [mi.Int32(coordinate) for coordinate in voxel]
-    local[axis] = depth
-    stored = texel_from_voxel(mi.Vector3i(local) + mi.Vector3i(*level.origin), level.resolution)
-    return stored + (2 * axis + side) * level.voxel_count

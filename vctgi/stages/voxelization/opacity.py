@@ -31,6 +31,7 @@ from vctgi.stages.voxelization.columns import (
     enumerate_columns,
     region_table,
 )
+from vctgi.stages.voxelization.occupancy import occupied_regions
 from vctgi.stages.voxelization.triangles import DeviceTriangles, upload_triangles
 
 Coverage = Literal["cells", "analytic"]
@@ -110,8 +111,9 @@ def voxelize_opacity(
     [Panteleev2014], slides "Voxelization for opacity".
     """
     levels = [dr.zeros(mi.Float, DIRECTION_COUNT * level.voxel_count) for level in layout.levels]
+    triangles = upload_triangles(surfaces)
     regions = [window_region(level) for level in layout.clip_levels]
-    fill_regions(levels, upload_triangles(surfaces), regions, config)
+    fill_regions(levels, triangles, occupied_regions(triangles, regions), config)
     return OpacityClipmap(layout, levels, config.slots)
 
 
@@ -162,6 +164,18 @@ def _cover(
             mark_cells(masks, columns, table, batch)
             dr.eval(masks)
     return masks
+
+
+def clear_regions(levels: list[mi.Float], regions: Sequence[Region]) -> None:
+    """Set the opacity of boxes of voxels to zero; `levels` are changed in place."""
+    for region in regions:
+        level = region.level
+        volume = dr.opaque(mi.UInt32, region.voxel_count)
+        lane = dr.arange(mi.UInt32, DIRECTION_COUNT * region.voxel_count)
+        texel = texel_from_voxel(voxel_of_place(lane % volume, [region]), level.resolution)
+        target = texel + lane // volume * level.voxel_count
+        dr.scatter(levels[level.level], mi.Float(0.0), target)
+    dr.eval([levels[region.level.level] for region in regions])
 
 
 def _passes(regions: Sequence[Region], config: OpacityVoxelizationConfig) -> Iterator[list[Region]]:

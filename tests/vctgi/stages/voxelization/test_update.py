@@ -1,10 +1,12 @@
-"""Oracle 9: a clipmap that follows camera and objects equals one that is built anew, bit by bit."""
+"""Oracle 9: voxels that follow camera, objects and light equal ones made anew, bit for bit."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import drjit as dr
+import mitsuba as mi
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,17 +14,19 @@ from hypothesis import strategies as st
 
 from tests.vctgi.hand_made_volumes import surfaces_of
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
-from vctgi.clipmap.regions import unmerged_regions
+from vctgi.clipmap.regions import Bounds, stale_regions, unmerged_regions, window_region
 from vctgi.clipmap.slots import SlotRule
-from vctgi.clipmap.storage import OpacityClipmap
+from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
+from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.scene.surfaces import VoxelSurfaces
 from vctgi.stages.downsampling import downsample, downsample_regions
+from vctgi.stages.light_injection import inject_light, update_emittance
 from vctgi.stages.voxelization.opacity import (
     DEFAULT_CONFIG,
     OpacityVoxelizationConfig,
     voxelize_opacity,
 )
-from vctgi.stages.voxelization.triangles import upload_triangles
+from vctgi.stages.voxelization.triangles import unit_normals, upload_triangles
 from vctgi.stages.voxelization.update import changed_bounds, update_opacity
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -55,55 +59,111 @@ def scene_of(parts: list[np.ndarray]) -> VoxelSurfaces:
     return replace(surfaces_of(np.concatenate(parts)), shape_index=owner)
 
 
-def assert_same(found: OpacityClipmap, expected: OpacityClipmap) -> None:
-    assert found.layout == expected.layout
-    for own, other in zip(found.levels, expected.levels, strict=True):
-        np.testing.assert_array_equal(np.array(own), np.array(other))
+def assert_same(
+    found: Sequence[mi.Float | mi.Color3f], other: Sequence[mi.Float | mi.Color3f]
+) -> None:
+    for own, expected in zip(found, other, strict=True):
+        np.testing.assert_array_equal(np.array(own), np.array(expected))
+
+
+def lit_points(parts: list[np.ndarray], flux: list[float]) -> list[ReflectiveShadowMap]:
+    """Light on the corners and middles of every triangle of every object."""
+    maps = []
+    for part, each in zip(parts, flux, strict=True):
+        points = np.concatenate([part[:, 0], part[:, 1], part[:, 2], part.mean(axis=1)])
+        normal = np.tile(unit_normals(part), (4, 1))
+        power = dr.full(mi.Float, each, len(points))
+        maps.append(
+            ReflectiveShadowMap(
+                light_name="",
+                level=None,
+                position=mi.Point3f(np.ascontiguousarray(points.T, dtype=np.float32)),
+                normal=mi.Vector3f(np.ascontiguousarray(normal.T, dtype=np.float32)),
+                incident_flux=mi.Color3f(power),
+                reflected_flux=mi.Color3f(power),
+            )
+        )
+    return maps
 
 
 STEP = st.tuples(*[st.floats(-1.5, 1.5)] * 3)
-KIND = st.sampled_from(["camera", "far camera", "move", "remove", "add", "nothing"])
+KIND = st.sampled_from(["camera", "far camera", "move", "remove", "add", "light", "nothing"])
+Steps = list[tuple[str, int, tuple[float, float, float]]]
 WALK = st.lists(st.tuples(KIND, st.integers(0, OBJECT_COUNT - 1), STEP), min_size=1, max_size=3)
 
 
-def walk(
-    seed: int, steps: list[tuple[str, int, tuple[float, ...]]], config: OpacityVoxelizationConfig
-) -> None:
-    parts, centre = objects(seed), np.zeros(3)
-    surfaces, layout = scene_of(parts), layout_at(centre)
+@dataclass
+class World:
+    """Objects with the light on each, and where the camera stands."""
+
+    parts: list[np.ndarray]
+    flux: list[float]
+    centre: np.ndarray
+
+    def change(self, kind: str, which: int, step: np.ndarray, seed: int) -> list[Bounds]:
+        """Take one step; return boxes around what is lit otherwise without having moved."""
+        if kind == "camera":
+            self.centre = self.centre + step
+        elif kind == "far camera":
+            self.centre = self.centre + 20.0 * step
+        elif kind == "add":
+            self.parts.append(objects(seed + 1)[which] + step)
+            self.flux.append(0.7)
+        elif self.parts:
+            which = which % len(self.parts)
+            if kind == "move":
+                self.parts[which] = self.parts[which] + step
+            elif kind == "remove":
+                del self.parts[which], self.flux[which]
+            elif kind == "light":
+                self.flux[which] = 0.5 + abs(step[0])
+                return [(self.parts[which].min(axis=(0, 1)), self.parts[which].max(axis=(0, 1)))]
+        return []
+
+
+def walk(seed: int, steps: Steps, config: OpacityVoxelizationConfig) -> None:
+    world = World(objects(seed), [0.3, 0.5, 0.9, 1.1], np.zeros(3))
+    surfaces, layout = scene_of(world.parts), layout_at(world.centre)
     direct = voxelize_opacity(surfaces, layout, config)
-    merged, _ = downsample(direct, None)
+    emittance = inject_light(lit_points(world.parts, world.flux), direct)
+    merged, lit = downsample(direct, emittance)
+    assert lit is not None
     for kind, which, step in steps:
         before = surfaces, layout
-        if kind == "camera":
-            centre = centre + np.array(step)
-        elif kind == "far camera":
-            centre = centre + 20.0 * np.array(step)
-        elif kind == "move" and parts:
-            moved = parts[which % len(parts)] + np.array(step)
-            parts = [*parts[: which % len(parts)], moved, *parts[which % len(parts) + 1 :]]
-        elif kind == "remove" and parts:
-            parts = [part for number, part in enumerate(parts) if number != which % len(parts)]
-        elif kind == "add":
-            parts = [*parts, objects(seed + 1)[which] + np.array(step)]
-        surfaces, layout = scene_of(parts), layout_at(centre)
-        direct, stale = update_opacity(
-            direct, upload_triangles(surfaces), layout, changed_bounds(before[0], surfaces), config
+        relit = world.change(kind, which, np.array(step), seed)
+        surfaces, layout = scene_of(world.parts), layout_at(world.centre)
+        changed = changed_bounds(before[0], surfaces)
+        direct, _ = update_opacity(direct, upload_triangles(surfaces), layout, changed, config)
+        dark = stale_regions(before[1], layout, changed + relit, 3)
+        emittance = EmittanceClipmap(
+            layout, emittance.levels, emittance.lost_flux_share, emittance.steps_per_unit
         )
+        had = list(emittance.steps_per_unit)
+        maps = lit_points(world.parts, world.flux)
+        emittance = update_emittance(emittance, maps, direct, dark)
+        if emittance.steps_per_unit != had:
+            dark = [[window_region(level)] for level in layout.clip_levels]
+            dark += [[] for _ in layout.levels[layout.clip_level_count :]]
         merged = OpacityClipmap(layout, merged.levels, merged.rule)
-        unmerged = unmerged_regions(before[1], layout, stale)
-        downsample_regions(direct, None, merged, None, unmerged)
+        lit = EmittanceClipmap(layout, lit.levels, emittance.lost_flux_share)
+        downsample_regions(
+            direct, emittance, merged, lit, unmerged_regions(before[1], layout, dark)
+        )
 
     expected = voxelize_opacity(surfaces, layout, config)
-    assert_same(direct, expected)
-    assert_same(merged, downsample(expected, None)[0])
+    assert_same(direct.levels, expected.levels)
+    light = inject_light(lit_points(world.parts, world.flux), expected)
+    assert_same(emittance.levels, light.levels)
+    assert emittance.lost_flux_share == light.lost_flux_share
+    expected_merged, expected_lit = downsample(expected, light)
+    assert expected_lit is not None
+    assert_same(merged.levels, expected_merged.levels)
+    assert_same(lit.levels, expected_lit.levels)
 
 
 @settings(max_examples=200)
 @given(seed=st.integers(0, 1000), steps=WALK)
-def test_walks_of_camera_and_objects_equal_a_rebuild(
-    seed: int, steps: list[tuple[str, int, tuple[float, ...]]]
-) -> None:
+def test_walks_of_camera_and_objects_equal_a_rebuild(seed: int, steps: Steps) -> None:
     walk(seed, steps, DEFAULT_CONFIG)
 
 
@@ -115,13 +175,14 @@ def test_walks_of_camera_and_objects_equal_a_rebuild(
         OpacityVoxelizationConfig(slots=SlotRule(thickness_voxels=1.7)),
         OpacityVoxelizationConfig(max_supersampling=4),
         OpacityVoxelizationConfig(is_two_sided=True),
+        OpacityVoxelizationConfig(coverage="analytic"),
     ],
-    ids=["thick", "supersampled", "two-sided"],
+    ids=["thick", "supersampled", "two-sided", "analytic"],
 )
 def test_walks_equal_a_rebuild_with_every_option(
     config: OpacityVoxelizationConfig,
     seed: int,
-    steps: list[tuple[str, int, tuple[float, ...]]],
+    steps: Steps,
 ) -> None:
     walk(seed, steps, config)
 
