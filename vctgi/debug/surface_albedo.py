@@ -1,7 +1,7 @@
 """The albedo that voxels hold: surfaces under even light, injected as light is.
 
-Points are sampled on every triangle and given the same irradiance; what they reflect goes through
-the renderer's own light injection, and so does what a white surface in their place would reflect.
+Points are sampled on every voxelized side and given the same irradiance; what they reflect goes
+through the renderer's own light injection, and so does what a white surface would reflect there.
 The quotient of the two is the mean albedo of the surfaces in a slot, however dense the points are.
 """
 
@@ -15,12 +15,13 @@ import mitsuba as mi
 import numpy as np
 
 from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
+from vctgi.clipmap.slots import DEFAULT_RULE, SlotRule
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.debug.voxels import LevelVoxels
 from vctgi.maths.directions import DIRECTION_COUNT, kronecker_points
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.records import ReflectiveShadowMap
-from vctgi.scene.triangles import SceneTriangles
+from vctgi.scene.surfaces import VoxelSurfaces
 from vctgi.stages.light_injection import inject_light
 from vctgi.stages.reflective_shadow_map import hemispherical_albedo
 
@@ -59,44 +60,41 @@ class VoxelAlbedo:
 
 def voxel_albedo(
     scene: mi.Scene,
-    triangles: SceneTriangles,
-    opacity: OpacityClipmap,
-    level: int,
+    surfaces: VoxelSurfaces,
+    voxels: LevelVoxels,
     samples_per_face: float = SAMPLES_PER_FACE,
+    rule: SlotRule = DEFAULT_RULE,
 ) -> VoxelAlbedo:
     """Return the albedo of the voxels of one level.
 
     Parameters
     ----------
-    scene, triangles
-        Geometry with its materials, and the same as triangles.
-    opacity
-        Of all levels; only slots with opacity hold anything.
-    level
-        Which level.
+    scene, surfaces
+        Geometry with its materials, and its sides that are voxelized.
+    voxels
+        The level; only slots with opacity hold anything.
     samples_per_face
         Points on a surface as large as a voxel's face, > 0.
+    rule
+        How thick the surfaces were made.
     """
-    window = opacity.layout.levels[level]
-    points, normals, areas = sample_surfaces(triangles.vertices, window, samples_per_face)
+    window = voxels.level
+    points, normals, areas = sample_surfaces(surfaces.vertices, window, samples_per_face)
     if len(points) == 0:
         nothing = dr.zeros(mi.Float, DIRECTION_COUNT * window.voxel_count)
         return VoxelAlbedo(dr.zeros(mi.Color3f, dr.width(nothing)), nothing)
     position = mi.Point3f(np.ascontiguousarray(points.T, dtype=np.float32))
     normal = mi.Vector3f(np.ascontiguousarray(normals.T, dtype=np.float32))
     flux = mi.Float(np.ascontiguousarray(areas * math.pi, dtype=np.float32))
-    maps = [
-        _shade(scene, position, sign * normal, flux, LIFT_VOXELS * window.voxel_size)
-        for sign in (1.0, -1.0)
-    ]
+    lit = _shade(scene, position, normal, flux, LIFT_VOXELS * window.voxel_size)
     # Injection knows whole clipmaps only: this is one of a single level.
     only = replace(window, level=0)
     layout = ClipmapLayout(levels=(only,), clip_level_count=1, centre=only.window_min)
-    alone = replace(opacity, layout=layout, levels=[opacity.levels[level]])
-    reflected = inject_light(maps, alone).levels[0]
+    alone = OpacityClipmap(layout, [voxels.opacity], rule)
+    reflected = inject_light([lit], alone).levels[0]
     # What would be reflected by white surfaces is the incident part.
-    white = [replace(m, reflected_flux=m.incident_flux) for m in maps]
-    weight = mi.Float(inject_light(white, alone).levels[0].x)
+    white = replace(lit, reflected_flux=lit.incident_flux)
+    weight = mi.Float(inject_light([white], alone).levels[0].x)
     dr.eval(weight)
     return VoxelAlbedo(reflected, weight)
 

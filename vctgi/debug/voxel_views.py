@@ -27,7 +27,7 @@ from vctgi.maths.stub_gaps import as_component
 
 CANCELLED = 0.05
 """Slots of opposite directions whose difference is below this share of their sum say nothing about
-a normal: a voxel holds both sides of a sheet."""
+a normal: the voxel holds both sides of a sheet, or a wall thinner than itself."""
 
 EDGE_SHADE = 0.6
 """Brightness of the line around a voxel."""
@@ -58,7 +58,7 @@ class VoxelView:
     albedo
         Mean albedo of the surfaces in these slots, [0, 1]; NaN where no sample landed.
     normal
-        Unit mean normal, from all six slots; 0 where opposite slots cancel.
+        Unit mean normal, from all six slots; where opposite ones cancel, from those facing the ray.
     shade
         Factor that darkens the edges of voxels, (0, 1].
     """
@@ -113,12 +113,13 @@ def view_voxels(
 
 
 def mean_normal(voxels: LevelVoxels, hits: VoxelHits) -> mi.Vector3f:
-    """Return the mean normal of the surfaces in a voxel.
+    """Return the unit mean normal of the surfaces in a voxel.
 
     Slot +k holds surfaces with n_k < 0, weighted by |n_k| through their projected area, so the
-    difference of slots -k and +k is proportional to n_k.
+    difference of slots -k and +k is proportional to n_k. Where a voxel holds both sides of a sheet
+    nothing is left of it; then the slots that the ray meets tell what it sees.
     """
-    parts = []
+    net, facing = [], []
     total = mi.Float(0.0)
     for axis in range(3):
         upper, lower = (
@@ -130,12 +131,14 @@ def mean_normal(voxels: LevelVoxels, hits: VoxelHits) -> mi.Vector3f:
             )
             for side in (1, 0)
         )
-        parts.append(upper - lower)
+        net.append(upper - lower)
+        facing.append(dr.select(hits.direction[axis] < 0.0, upper, -lower))
         total += upper + lower
-    normal = mi.Vector3f(*parts)
+    is_clear = dr.norm(mi.Vector3f(*net)) > CANCELLED * total
+    normal = dr.select(is_clear, mi.Vector3f(*net), mi.Vector3f(*facing))
     length = mi.Float(dr.norm(normal))
-    is_clear = length > CANCELLED * total
-    return dr.select(is_clear, normal / as_component(dr.select(is_clear, length, 1.0)), 0.0)
+    is_there = length > 0.0
+    return dr.select(is_there, normal / as_component(dr.select(is_there, length, 1.0)), 0.0)
 
 
 def edge_shade(hits: VoxelHits, rays: PixelRays, voxel_size: float) -> np.ndarray:

@@ -1,8 +1,4 @@
-"""The voxels that the stages write, and those of one level taken out of them.
-
-A volume packed for reading may have lost digits or directions; what is shown here is what the
-stages made of the scene, before it is packed.
-"""
+"""The voxels of one level: those that cones read, or those that a stage wrote."""
 
 from __future__ import annotations
 
@@ -12,31 +8,9 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.levels import LevelLayout
-from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
-from vctgi.config import RenderConfig
+from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap, VoxelVolume
+from vctgi.clipmap.unpacking import unpack_level
 from vctgi.maths.directions import DIRECTION_COUNT
-from vctgi.pipeline import PreparedScene
-from vctgi.stages.downsampling import downsample
-from vctgi.stages.light_injection import inject_light
-from vctgi.stages.reflective_shadow_map import render_reflective_shadow_maps
-from vctgi.stages.voxelization.opacity import voxelize_opacity
-
-
-@dataclass
-class SceneVoxels:
-    """All voxels of a scene.
-
-    Attributes
-    ----------
-    direct_opacity
-        Every clip level voxelized at its own resolution.
-    opacity, emittance
-        What cones read: coarser levels made by downsampling where a finer one covers them.
-    """
-
-    direct_opacity: OpacityClipmap
-    opacity: OpacityClipmap
-    emittance: EmittanceClipmap
 
 
 @dataclass
@@ -58,16 +32,11 @@ class LevelVoxels:
     emittance: mi.Color3f
 
 
-def scene_voxels(prepared: PreparedScene, config: RenderConfig) -> SceneVoxels:
-    """Voxelize and light a scene as the renderer does."""
-    layout = prepared.plan.layout
-    direct = voxelize_opacity(prepared.surfaces, layout)
-    maps = render_reflective_shadow_maps(
-        prepared.scene, list(prepared.plan.lights), layout, config.reflective_shadow_map
-    )
-    opacity, emittance = downsample(direct, inject_light(maps, direct))
-    assert emittance is not None, "downsampling keeps the emittance it is given"
-    return SceneVoxels(direct, opacity, emittance)
+def stored_voxels(volume: VoxelVolume, level: int) -> LevelVoxels:
+    """Return the voxels of one level as cones read them, after storage in whatever format."""
+    layout = volume.layout.levels[level]
+    texels = unpack_level(volume, layout)
+    return LevelVoxels(layout, texels.opacity, texels.emittance)
 
 
 def level_voxels(

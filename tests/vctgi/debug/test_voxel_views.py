@@ -124,12 +124,14 @@ def test_a_slanted_plane_shows_its_normal(
     np.testing.assert_allclose(seen.radiance[seen.is_hit], 1.0, rtol=ROUNDING)
 
 
-def test_a_sheet_of_two_sides_has_no_normal() -> None:
+def test_a_sheet_of_two_sides_shows_the_side_that_the_ray_meets() -> None:
     layout = one_level()
     both = [((0, 0, 0), slot, 0.5, [1.0] * 3) for slot in (4, 5)]
-    seen = view(voxels_with(layout, both), rays_through_columns(layout.levels[0]))
-    assert seen.is_hit.sum() == 1
-    assert not seen.normal.any()
+    for towards in (1, -1):
+        rays = rays_through_columns(layout.levels[0], towards)
+        seen = view(voxels_with(layout, both), rays)
+        assert seen.is_hit.sum() == 1
+        np.testing.assert_array_equal(seen.normal[seen.is_hit], [[0.0, 0.0, -towards]])
 
 
 def test_the_albedo_of_a_voxel_is_that_of_its_surface() -> None:
@@ -147,9 +149,9 @@ def test_the_albedo_of_a_voxel_is_that_of_its_surface() -> None:
     triangles = extract_triangles(scene)
     layout = one_level()
     front, back = triangles.vertices, triangles.vertices[:, ::-1]
-    opacity = voxelize_opacity(surfaces_of(np.concatenate([front, back])), layout)
-    albedo = voxel_albedo(scene, triangles, opacity, 0)
-    voxels = level_voxels(opacity, 0)
+    surfaces = surfaces_of(np.concatenate([front, back]))
+    voxels = level_voxels(voxelize_opacity(surfaces, layout), 0)
+    albedo = voxel_albedo(scene, surfaces, voxels)
     for towards, expected in ((1, [0.8, 0.25, 0.0625]), (-1, [0.125, 0.5, 0.25])):
         seen = view(voxels, rays_through_columns(layout.levels[0], towards), albedo)
         assert seen.is_hit.sum() == 16
