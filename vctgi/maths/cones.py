@@ -21,6 +21,7 @@ RINGS: dict[int, tuple[int, ...]] = {
     17: (1, 6, 10),
     32: (1, 6, 11, 14),
     64: (1, 6, 12, 19, 26),
+    256: (1, 7, 14, 21, 29, 35, 43, 49, 57),
 }
 """Cones in each ring, from the pole outwards, of the sets that are offered."""
 
