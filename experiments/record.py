@@ -14,6 +14,7 @@ import numpy as np
 
 import metrics
 import reference
+from experiments.debug_pictures import voxel_images
 from experiments.machine import BackendName, describe_machine
 from experiments.scenes import LoadedScene
 from reports.record import (
@@ -227,6 +228,7 @@ def _write_images(result: RunResult, folder: Path) -> dict[str, ImageFile]:
         pictures[f"reference_{name}"] = (truths[name], f"{name} by path tracing")
     for name, values in result.surfaces.items():
         pictures[name] = (values, f"{name} of the first surface")
+    pictures |= voxel_images(result.prepared, result.lit.volume)
     return {
         name: write_image(folder / f"{name}.exr", np.asarray(values, np.float32), description)
         for name, (values, description) in pictures.items()

@@ -27,6 +27,7 @@ from reports.plots import overview_svg, stage_time_svg
 from reports.record import read_record
 from reports.schema import MetricValue, Record
 from reports.sections import Pictures, read_pictures
+from reports.voxel_colours import QUANTITIES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +93,7 @@ def accuracy_report(record_paths: Sequence[Path]) -> str:
         error_colours=", ".join(colour_stops("RdBu_r")),
         flip_colours=", ".join(colour_stops("magma")),
         interval_text=interval_text,
+        voxel_quantities=QUANTITIES,
         is_below_noise=is_below_noise,
     )
 

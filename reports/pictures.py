@@ -67,7 +67,7 @@ def srgb_from_linear(linear: Floats, *, exposure: float) -> Bytes:
 
 def tone_mapped_uri(linear: Floats, *, exposure: float) -> str:
     """PNG data URI of `srgb_from_linear`."""
-    return _png_uri(Image.fromarray(srgb_from_linear(linear, exposure=exposure), mode="RGB"))
+    return png_uri(Image.fromarray(srgb_from_linear(linear, exposure=exposure), mode="RGB"))
 
 
 def thumbnail_uri(linear: Floats, *, exposure: float, width: int = 128) -> str:
@@ -103,7 +103,7 @@ def normal_uri(normal: Floats) -> str:
     codes = np.round(255.0 * np.clip(0.5 + 0.5 * np.nan_to_num(_as_rgb(normal)), 0.0, 1.0))
     codes = codes.astype(np.uint8)
     codes[~finite_pixels(normal)] = NOT_FINITE
-    return _png_uri(Image.fromarray(codes, mode="RGB"))
+    return png_uri(Image.fromarray(codes, mode="RGB"))
 
 
 def colour_stops(colours: str, count: int = 17) -> list[str]:
@@ -149,10 +149,11 @@ def _mapped_uri(position: Floats, colours: str) -> str:
     palette = np.vstack([np.round(255.0 * table), [NOT_FINITE]]).astype(np.uint8)
     image = Image.fromarray(index, mode="P")
     image.putpalette(palette.tobytes())
-    return _png_uri(image)
+    return png_uri(image)
 
 
-def _png_uri(image: Image.Image) -> str:
+def png_uri(image: Image.Image) -> str:
+    """PNG data URI of an 8-bit picture."""
     buffer = io.BytesIO()
     image.save(buffer, format="PNG", optimize=True)
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

@@ -21,6 +21,7 @@ from reports.pictures import (
 )
 from reports.record import load_image
 from reports.schema import Record
+from reports.voxel_sheet import VoxelRow, is_voxel_image, voxel_rows
 
 COMPONENTS = (
     ("indirect_diffuse", "indirect diffuse"),
@@ -63,6 +64,7 @@ class Pictures:
     """The error map's scale over the reference's mean luminance."""
     flip: str | None
     components: list[Component]
+    voxels: list[VoxelRow]
     faults: list[str]
     """What is wrong with the pictures, a sentence each."""
 
@@ -90,6 +92,7 @@ def read_pictures(record_path: Path, record: Record) -> Pictures:
         relative_scale=_relative_scale(error, reference),
         flip=None if flip is None else sequential_uri(flip, low=0.0, high=1.0, colours="magma"),
         components=_components(linear, exposure),
+        voxels=voxel_rows(linear, record.images, exposure=exposure),
         faults=_faults(linear),
     )
 
@@ -158,6 +161,9 @@ def _faults(linear: dict[str, Floats]) -> list[str]:
     """Pictures that are absent, or hold values that are no radiance."""
     faults = [] if "image" in linear else ["No picture of the method was recorded."]
     for name, pixels in linear.items():
+        if is_voxel_image(name):
+            # Their own section says what is missing in them.
+            continue
         # An infinite depth is a ray that meets nothing.
         bad = np.isnan(pixels) if name == "depth" else ~finite_pixels(pixels)
         count = int(bad.sum())
