@@ -108,7 +108,7 @@ def plan(
 
 
 @app.command
-def render(
+def render(  # noqa: PLR0913 - the options of a command
     scene: str,
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
@@ -118,11 +118,17 @@ def render(
     seed: int = 0,
     variant: Variant = None,
     sensor: Sensor = 0,
+    debug: Annotated[
+        str | None,
+        Parameter(
+            help="Also write pictures of what lies between, to a folder beside the file: voxels."
+        ),
+    ] = None,
 ) -> int:
     """Render one frame by cones to a multi-channel EXR file."""
     from experiments.frame_files import render_frame_file
 
-    render_frame_file(
+    lines = render_frame_file(
         scene,
         output,
         preset,
@@ -131,7 +137,10 @@ def render(
         _at_least("--seed", seed, 0),
         variant,
         sensor,
+        debug,
     )
+    if lines:
+        print("\n".join(lines))  # noqa: T201 - the command's result
     return EXIT_DONE
 
 
@@ -248,8 +257,7 @@ def doctor(*, json_file: JsonFile = None) -> int:
 def main(arguments: list[str] | None = None) -> int:
     """Run a command and return its exit code."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    is_debug = "--debug" in given
-    given = [word for word in given if word != "--debug"]
+    given, is_debug = _take_debug(given)
     try:
         code = app(given, exit_on_error=False, print_error=False)
     except CycloptsError as error:
@@ -263,6 +271,20 @@ def main(arguments: list[str] | None = None) -> int:
     except Exception as error:  # the last net: still one line
         return _fail(_unforeseen(error), _unforeseen_code(error), is_debug)
     return code if isinstance(code, int) else EXIT_DONE
+
+
+def _take_debug(given: list[str]) -> tuple[list[str], bool]:
+    """Part the bare `--debug`, which asks for a traceback, from `render`'s `--debug NAME`."""
+    kept: list[str] = []
+    is_debug = False
+    for place, word in enumerate(given):
+        follower = given[place + 1 : place + 2]
+        has_name = kept[:1] == ["render"] and follower and not follower[0].startswith("-")
+        if word == "--debug" and not has_name:
+            is_debug = True
+        else:
+            kept.append(word)
+    return kept, is_debug
 
 
 def _unforeseen(error: Exception) -> str:

@@ -24,13 +24,18 @@ from experiments.run import (
     surface_images,
 )
 from experiments.scenes import LoadedScene, load_scene
-from experiments.session import find_preset, start_mitsuba, writable_file
+from experiments.session import find_preset, start_mitsuba, writable_file, writable_folder
+from experiments.voxel_folder import write_voxel_folder
 
 AXES = {"normal": "XYZ", "depth": "Z"}
 """Channel suffixes of what is not a colour."""
 
 
-def render_frame_file(
+DEBUG_NAMES = ("voxels",)
+"""Intermediate data that a frame can be written with."""
+
+
+def render_frame_file(  # noqa: PLR0913 - the options of a command
     source: str,
     output: Path,
     preset: str,
@@ -39,13 +44,34 @@ def render_frame_file(
     seed: int,
     variant: str | None,
     sensor: int,
-) -> None:
-    """Render a frame by cones, with Mitsuba's direct light, to an EXR file."""
+    debug: str | None = None,
+) -> list[str]:
+    """Render a frame by cones, with Mitsuba's direct light, to an EXR file.
+
+    Returns
+    -------
+    list of str
+        What was written beside it, a line each; nothing unless `debug` names something.
+
+    Raises
+    ------
+    InputError
+        Bad input, such as a `debug` that is none of `DEBUG_NAMES`.
+    """
     find_preset(preset)
     _require_exr(output)
+    if debug is not None and debug not in DEBUG_NAMES:
+        raise InputError(
+            what=f"no debug pictures of '{debug}'",
+            where="--debug",
+            remedy=f"use {', '.join(DEBUG_NAMES)}",
+        )
     start_mitsuba(variant)
     loaded = load_scene(source, resolution=resolution, sensor_index=sensor)
     writable_file(output)
+    folder = output.with_suffix(f".{debug}")
+    if debug is not None:
+        writable_folder(folder)
     config = vctgi.preset(preset)
     camera = loaded.scene.sensors()[loaded.sensor_index]
     with ProgressReport() as progress:
@@ -57,9 +83,14 @@ def render_frame_file(
         progress("direct light", 0.0)
         components = component_images(frame)
         direct = _direct_light(loaded, spp, seed)
+        lines = []
+        if debug is not None:
+            progress("pictures of voxels", 0.0)
+            lines = write_voxel_folder(prepared, volume, f"Voxels of {loaded.title}", folder)
     image = direct + components.pop("indirect")
     channels = {"": image, "direct": direct, **components, **surface_images(frame)}
     write_channels(output, channels, {"config": asdict(config), "scene": loaded.name})
+    return lines
 
 
 def reference_file(

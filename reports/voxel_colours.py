@@ -64,7 +64,7 @@ def voxel_codes(quantity: str, picture: VoxelPicture, *, exposure: float) -> Byt
         codes = srgb_from_linear(values, exposure=exposure if quantity == "radiance" else 0.0)
     else:
         raise ValueError(f"voxel_codes: no quantity '{quantity}'; use {', '.join(QUANTITIES)}")
-    shaded = np.round(codes * picture.shade[..., None]).astype(np.uint8)
+    shaded: Bytes = np.round(codes * picture.shade[..., None]).astype(np.uint8)
     shaded[~finite_pixels(values)] = NOT_FINITE
     shaded[picture.shade <= 0.0] = MISS
     return shaded

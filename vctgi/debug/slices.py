@@ -27,43 +27,55 @@ class VoxelBlock:
         the largest, so that thin walls stay.
     radiance
         [z, y, x, 3] emittance over opacity, all six slots together, W m^-2 sr^-1.
+    weight
+        [z, y, x] sum of the opacity of all slots, which the radiance is the mean over.
     """
 
     level: LevelLayout
     pooled: int
     opacity: np.ndarray
     radiance: np.ndarray
+    weight: np.ndarray
 
-
-def voxel_block(voxels: LevelVoxels, largest: int | None = None) -> VoxelBlock:
-    """Return a level as a block.
-
-    Parameters
-    ----------
-    voxels
-        The level.
-    largest
-        Most voxels along an edge of the block, a power of two; None for all. More are merged.
-    """
-    level = voxels.level
-    edge = level.resolution
-    pooled = 1 if largest is None else max(1, edge // largest)
-    opacity = _in_order(np.array(voxels.opacity).reshape(DIRECTION_COUNT, edge, edge, edge), level)
-    total = _pool(opacity.sum(axis=0), pooled, np.sum)
-    strongest = np.stack(
-        [_pool(np.maximum(*opacity[2 * axis : 2 * axis + 2]), pooled, np.max) for axis in range(3)],
-        axis=-1,
-    )
-    emitted = [
-        _pool(
-            _in_order(np.array(c).reshape(DIRECTION_COUNT, edge, edge, edge), level).sum(axis=0),
-            pooled,
-            np.sum,
+    def merged(self, count: int) -> VoxelBlock:
+        """Return the block with `count`^3 voxels merged into one."""
+        if count == 1:
+            return self
+        emitted = self.radiance * self.weight[..., None]
+        weight = _pool(self.weight, count, np.sum)
+        return VoxelBlock(
+            level=self.level,
+            pooled=self.pooled * count,
+            opacity=_by_channel(self.opacity, count, np.max),
+            radiance=_over(_by_channel(emitted, count, np.sum), weight),
+            weight=weight,
         )
-        for c in voxels.emittance
+
+
+def voxel_block(voxels: LevelVoxels) -> VoxelBlock:
+    """Return a level as a block."""
+    level = voxels.level
+    shape = (DIRECTION_COUNT, *(level.resolution,) * 3)
+    slots = _in_order(np.array(voxels.opacity).reshape(shape), level)
+    weight = slots.sum(axis=0)
+    opacity = np.stack([slots[2 * axis : 2 * axis + 2].max(axis=0) for axis in range(3)], axis=-1)
+    emitted = [
+        _in_order(np.array(channel).reshape(shape), level).sum(axis=0)
+        for channel in voxels.emittance
     ]
-    radiance = np.stack(emitted, axis=-1) / np.where(total > 0.0, total, 1.0)[..., None]
-    return VoxelBlock(level, pooled, strongest, radiance)
+    return VoxelBlock(level, 1, opacity, _over(np.stack(emitted, axis=-1), weight), weight)
+
+
+def _over(emitted: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Emittance over opacity, 0 where there is none."""
+    radiance: np.ndarray = emitted / np.where(weight > 0.0, weight, 1.0)[..., None]
+    return radiance
+
+
+def _by_channel(values: np.ndarray, count: int, merge: Callable[..., np.ndarray]) -> np.ndarray:
+    """Merge blocks of `count`^3 values of [z, y, x, channel]."""
+    merged = [_pool(values[..., channel], count, merge) for channel in range(values.shape[-1])]
+    return np.stack(merged, axis=-1)
 
 
 def _in_order(values: np.ndarray, level: LevelLayout) -> np.ndarray:
@@ -74,8 +86,6 @@ def _in_order(values: np.ndarray, level: LevelLayout) -> np.ndarray:
 
 def _pool(values: np.ndarray, count: int, merge: Callable[..., np.ndarray]) -> np.ndarray:
     """Merge blocks of `count`^3 values of [z, y, x]."""
-    if count == 1:
-        return values
     edge = values.shape[0] // count
     blocks = values.reshape(edge, count, edge, count, edge, count)
     return merge(blocks, axis=(1, 3, 5))

@@ -37,7 +37,7 @@ def test_the_larger_of_two_opposite_slots_is_shown() -> None:
 def test_merged_voxels_keep_thin_walls_and_mean_radiance() -> None:
     layout = one_level()
     filled = [((0, 0, 0), 0, 1.0, [1.0] * 3), ((1, 1, 1), 0, 0.5, [4.0] * 3)]
-    block = voxel_block(voxels_with(layout, filled), largest=4)
+    block = voxel_block(voxels_with(layout, filled)).merged(2)
     assert block.pooled == 2
     assert block.opacity.shape == (4, 4, 4, 3)
     assert block.opacity[2, 2, 2].tolist() == [1.0, 0.0, 0.0]
@@ -45,7 +45,8 @@ def test_merged_voxels_keep_thin_walls_and_mean_radiance() -> None:
     assert np.count_nonzero(block.opacity) == 1
 
 
-def test_a_large_enough_limit_merges_nothing() -> None:
-    layout = one_level()
-    voxels = voxels_with(layout, [((0, 0, 0), 0, 1.0, [1.0] * 3)])
-    np.testing.assert_array_equal(voxel_block(voxels, 64).opacity, voxel_block(voxels).opacity)
+def test_merging_one_voxel_changes_nothing() -> None:
+    block = voxel_block(voxels_with(one_level(), [((0, 0, 0), 0, 1.0, [1.0] * 3)]))
+    assert block.merged(1) is block
+    again = block.merged(2).merged(2)
+    np.testing.assert_array_equal(again.opacity, block.merged(4).opacity)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.vctgi.debug.straight_rays import one_level, rays_of, rays_through_columns, voxels_with
-from tests.vctgi.hand_made_volumes import emittance_of, surfaces_of
+from tests.vctgi.hand_made_volumes import emittance_of
 from tests.vctgi.small_scenes import camera, color, load
 from vctgi.clipmap.levels import ClipmapLayout
 from vctgi.clipmap.slots import SlotRule
@@ -17,6 +17,7 @@ from vctgi.debug.surface_albedo import VoxelAlbedo, split_to_window, voxel_albed
 from vctgi.debug.voxel_views import EDGE_SHADE, VoxelView, view_voxels
 from vctgi.debug.voxels import LevelVoxels, level_voxels
 from vctgi.maths.directions import DIRECTION_COUNT
+from vctgi.scene.surfaces import opaque_surfaces
 from vctgi.scene.triangles import extract_triangles
 from vctgi.stages.voxelization.opacity import OpacityVoxelizationConfig, voxelize_opacity
 
@@ -47,7 +48,7 @@ def voxelized(
 ) -> LevelVoxels:
     """Voxels of one-sided triangles that all have one radiance."""
     config = OpacityVoxelizationConfig(slots=SlotRule(thickness_voxels=thickness))
-    opacity = voxelize_opacity(surfaces_of(vertices), layout, config)
+    opacity = voxelize_opacity(opaque_surfaces(vertices), layout, config)
     alphas = [
         np.array(a).reshape(DIRECTION_COUNT, *(each.resolution,) * 3)
         for a, each in zip(opacity.levels, layout.levels, strict=True)
@@ -149,7 +150,7 @@ def test_the_albedo_of_a_voxel_is_that_of_its_surface() -> None:
     triangles = extract_triangles(scene)
     layout = one_level()
     front, back = triangles.vertices, triangles.vertices[:, ::-1]
-    surfaces = surfaces_of(np.concatenate([front, back]))
+    surfaces = opaque_surfaces(np.concatenate([front, back]))
     voxels = level_voxels(voxelize_opacity(surfaces, layout), 0)
     albedo = voxel_albedo(scene, surfaces, voxels)
     for towards, expected in ((1, [0.8, 0.25, 0.0625]), (-1, [0.125, 0.5, 0.25])):
