@@ -6,6 +6,7 @@ is the incident indirect radiance E / pi at primary hits, albedo divided out.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from vctgi.maths.cones import ConeSet
 from vctgi.maths.directions import (
     PLASTIC_RATIO,
     face_forward,
@@ -74,8 +76,8 @@ class Receivers:
     normals: np.ndarray
 
 
-SURFACE_STREAM, REFERENCE_STREAM = 300, 400
-"""Hash streams of light samples on surfaces and of the reference."""
+SURFACE_STREAM, REFERENCE_STREAM, TURN_STREAM = 300, 400, 500
+"""Hash streams of light samples on surfaces, of the reference, and of turned directions."""
 
 
 def cornell_box(offset: np.ndarray) -> CornellBox:
@@ -147,6 +149,42 @@ def path_traced(room: CornellBox, at: Receivers, path_count: int, seed: int) -> 
             [np.array(dr.block_sum(mi.Float(channel), length)) for channel in seen], axis=1
         )
     return total / path_count
+
+
+def exact_rays(room: CornellBox, at: Receivers, cones: ConeSet, sample_count: int) -> np.ndarray:
+    """Incident radiance E / pi [point, rgb] by real rays along the axes of a cone set.
+
+    What a renderer that knew every surface exactly would get from these directions, each point's
+    turned by an angle of its own: the error of the directions alone.
+
+    Parameters
+    ----------
+    room
+        The room.
+    at
+        Receivers.
+    cones
+        Their axes and weights; apertures are left aside.
+    sample_count
+        Samples of the light where a ray lands.
+    """
+    count = len(at.points)
+    point = dr.arange(mi.UInt32, count)
+    position = mi.Point3f(np.ascontiguousarray(at.points.T, dtype=np.float32))
+    normal = mi.Vector3f(np.ascontiguousarray(at.normals.T, dtype=np.float32))
+    sin, cos = dr.sincos(2.0 * math.pi * random_unit(point, TURN_STREAM))
+    total = np.zeros((count, 3))
+    for number, (axis, weight) in enumerate(zip(cones.directions, cones.weights, strict=True)):
+        # Opaque, so that all directions share one kernel.
+        x, y, z = (dr.opaque(mi.Float, value) for value in axis)
+        turned = mi.Vector3f(cos * x - sin * y, sin * x + cos * y, z)
+        ray = mi.Ray3f(offset_from_surface(position, normal), mi.Frame3f(normal).to_world(turned))
+        si = room.scene.ray_intersect(ray, as_mask(True))
+        path = point * cones.cone_count + dr.opaque(mi.UInt32, number)
+        for sample in range(sample_count):
+            seen = _reflected(room.scene, si, path, (sample, sample_count), TURN_STREAM + 1)
+            total += weight / sample_count * np.array(seen, dtype=np.float64).T
+    return total
 
 
 def _lattice(number: mi.UInt32, point: mi.UInt32, stream: mi.UInt32) -> mi.Point2f:
