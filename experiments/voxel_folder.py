@@ -169,7 +169,7 @@ def boundary_codes(view: BoundaryView, level_count: int) -> Bytes:
         view.is_hit[..., None], tint * (0.25 + 0.6 * view.cosine[..., None]), np.array(MISS)
     )
     is_line = view.line_level != NO_LEVEL
-    line = 0.5 * colours[np.maximum(view.line_level, 0)] + 0.5 * 255.0
+    line = 0.7 * colours[np.maximum(view.line_level, 0)] + 0.3 * 255.0
     strength = (is_line * np.where(view.is_in_front, 1.0, HIDDEN_LINE))[..., None]
     shown: Bytes = np.round((1.0 - strength) * codes + strength * line).astype(np.uint8)
     return shown

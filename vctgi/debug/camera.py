@@ -36,6 +36,8 @@ class PixelRays:
     ) -> np.ndarray:
         """Return one value a ray as an array [y, x] or [y, x, channel]."""
         flat = np.array(values)
+        # A number that is the same for all rays is one lane wide.
+        flat = np.broadcast_to(flat, (*flat.shape[:-1], self.width * self.height))
         return flat.T.reshape(self.height, self.width, *flat.shape[:-1])
 
     @property

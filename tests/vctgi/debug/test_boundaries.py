@@ -85,3 +85,12 @@ def test_a_surface_tells_the_level_read_there_and_hides_edges() -> None:
     np.testing.assert_array_equal(seen.read_level[0], [1.0, 0.0, 1.0, 0.0])
     np.testing.assert_allclose(seen.cosine[0], [1.0, 1.0, 1.0, 0.0], atol=1e-6)
     assert (seen.line_level == NO_LEVEL).all(), "parallel rays have pixels of no width"
+
+
+def test_a_clipmap_of_one_level_is_read_at_that_level_everywhere() -> None:
+    layout = lay_out_clipmap((0.0, 0.0, 0.0), finest_voxel_size=VOXEL, level_count=1, resolution=8)
+    origins = np.array([[[0.0, 0.0, -9.0], [0.5, 0.0, -9.0]]])
+    rays = rays_of(origins, np.broadcast_to([0.0, 0.0, 1.0], origins.shape))
+    seen = view_boundaries(load(sheet={"type": "rectangle"}), layout, rays)
+    assert seen.is_hit.all()
+    assert seen.read_level.tolist() == [[0.0, 0.0]]
