@@ -24,8 +24,8 @@ VOXEL = 0.1
 """Voxel over half the room: moves by 100 000 rooms' halves of 1000 keep the grid's phase."""
 
 MITSUBA_OFFSET = pytest.mark.xfail(
-    reason="rays start (1 + coordinate) x 9e-5 world units off their surface, as Mitsuba's do: 54 % "
-    "of the picture at scale 1e-4, 0.6 % at 1e-2 (the path tracer itself: 23 % and 0.5 %)",
+    reason="rays start (1 + coordinate) x 9e-5 world units off their surface, as Mitsuba's do: "
+    "54 % of the picture at scale 1e-4, 0.6 % at 1e-2 (the path tracer itself: 23 % and 0.5 %)",
     raises=AssertionError,
 )
 
@@ -120,5 +120,5 @@ def test_a_vertex_that_is_no_number_is_one_clear_error(value: float) -> None:
 
 def test_an_empty_scene_is_a_clear_error() -> None:
     scene = load(sensor=camera([0, 0, 1], [0, 0, 0]), sky={"type": "constant"})
-    with pytest.raises(SceneError, match="no geometry.*add at least one shape"):
+    with pytest.raises(SceneError, match=r"no geometry.*add at least one shape"):
         prepare_scene(scene, scene.sensors()[0], preset("medium"))
