@@ -1,3 +1,3 @@
-"""Pictures of intermediate data: none yet. The rest of the renderer may not import this."""
+"""Pictures of intermediate data. The rest of the renderer may not import this."""
 
 from __future__ import annotations
