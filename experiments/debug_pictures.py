@@ -6,6 +6,7 @@ import numpy as np
 
 from reports.voxel_colours import QUANTITIES
 from reports.voxel_sheet import image_name
+from vctgi.clipmap.slots import SlotRule
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.debug.camera import PixelRays, pixel_rays
 from vctgi.debug.surface_albedo import SAMPLES_PER_FACE, voxel_albedo
@@ -24,7 +25,7 @@ def voxel_images(prepared: PreparedScene, volume: VoxelVolume) -> dict[str, tupl
     found: dict[str, tuple[np.ndarray, str]] = {}
     for level in range(volume.layout.clip_level_count):
         voxels = stored_voxels(volume, level)
-        view = level_view(prepared, voxels, rays)
+        view = level_view(prepared, voxels, rays, rule)
         title = level_title(voxels)
         for quantity in QUANTITIES:
             found[image_name(level, quantity)] = (getattr(view, quantity), title)
@@ -36,10 +37,11 @@ def level_view(
     prepared: PreparedScene,
     voxels: LevelVoxels,
     rays: PixelRays,
+    rule: SlotRule,
     samples_per_face: float = SAMPLES_PER_FACE,
 ) -> VoxelView:
-    """Return one level as the camera sees it."""
-    albedo = voxel_albedo(prepared.scene, prepared.surfaces, voxels, samples_per_face)
+    """Return one level as the camera sees it; `rule` says how thick its surfaces were made."""
+    albedo = voxel_albedo(prepared.scene, prepared.surfaces, voxels, samples_per_face, rule)
     return view_voxels(voxels, rays, albedo)
 
 

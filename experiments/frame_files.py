@@ -86,7 +86,9 @@ def render_frame_file(  # noqa: PLR0913 - the options of a command
         lines = []
         if debug is not None:
             progress("pictures of voxels", 0.0)
-            lines = write_voxel_folder(prepared, volume, f"Voxels of {loaded.title}", folder)
+            lines = write_voxel_folder(
+                prepared, volume, config.voxelization, f"Voxels of {loaded.title}", folder
+            )
     image = direct + components.pop("indirect")
     channels = {"": image, "direct": direct, **components, **surface_images(frame)}
     write_channels(output, channels, {"config": asdict(config), "scene": loaded.name})

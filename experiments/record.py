@@ -228,7 +228,7 @@ def _write_images(result: RunResult, folder: Path) -> dict[str, ImageFile]:
         pictures[f"reference_{name}"] = (truths[name], f"{name} by path tracing")
     for name, values in result.surfaces.items():
         pictures[name] = (values, f"{name} of the first surface")
-    pictures |= voxel_images(result.prepared, result.lit.volume)
+    pictures |= voxel_images(result.prepared, result.lit.volume, result.config.voxelization.slots)
     return {
         name: write_image(folder / f"{name}.exr", np.asarray(values, np.float32), description)
         for name, (values, description) in pictures.items()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +52,11 @@ HEADING = ["comparison", "slots", "mean", "RMS", "largest", "sum / sum"]
 
 
 def write_voxel_folder(
-    prepared: PreparedScene, volume: VoxelVolume, title: str, folder: Path
+    prepared: PreparedScene,
+    volume: VoxelVolume,
+    voxelization: OpacityVoxelizationConfig,
+    title: str,
+    folder: Path,
 ) -> list[str]:
     """Write pictures of the voxels and a page about them.
 
@@ -61,6 +66,8 @@ def write_voxel_folder(
         The scene.
     volume
         Its lit voxels, as cones read them.
+    voxelization
+        How they were made.
     title
         Of the page.
     folder
@@ -77,7 +84,7 @@ def write_voxel_folder(
     groups, blocks = [_boundaries(prepared, volume, rays)], []
     for level in levels:
         voxels = stored_voxels(volume, level)
-        view = level_view(prepared, voxels, rays, SAMPLES_PER_FACE)
+        view = level_view(prepared, voxels, rays, voxelization.slots, SAMPLES_PER_FACE)
         if exposure is None:
             exposure = _exposure(view.radiance)
         pictures = [
@@ -96,7 +103,7 @@ def write_voxel_folder(
         pictures.append(_composed(voxels, rays, level, exposure))
         groups.append(PageGroup(title=level_title(voxels), pictures=pictures))
         blocks.append(voxel_block(voxels))
-    differences = list(_differences(prepared, rays))
+    differences = list(_differences(prepared, voxelization, rays))
     for level, name, difference in differences:
         groups[1 + level].pictures.append(_difference_picture(level, name, difference))
     table = [HEADING, *(_row(level, name, found) for level, name, found in differences)]
@@ -176,14 +183,13 @@ def boundary_codes(view: BoundaryView, level_count: int) -> Bytes:
 
 
 def _differences(
-    prepared: PreparedScene, rays: PixelRays
+    prepared: PreparedScene, voxelization: OpacityVoxelizationConfig, rays: PixelRays
 ) -> Iterator[tuple[int, str, OpacityDifference]]:
     """Compare opacities: sampled with exact coverage, downsampled with direct voxels."""
     layout = prepared.plan.layout
-    direct = voxelize_opacity(prepared.surfaces, layout)
-    exact = voxelize_opacity(
-        prepared.surfaces, layout, OpacityVoxelizationConfig(coverage="analytic")
-    )
+    direct = voxelize_opacity(prepared.surfaces, layout, voxelization)
+    analytic = replace(voxelization, coverage="analytic", max_supersampling=1)
+    exact = voxelize_opacity(prepared.surfaces, layout, analytic)
     for level in layout.clip_levels:
         yield level.level, "coverage", compare_opacity(direct, exact, level.level, rays)
     filled, _ = downsample(OpacityClipmap(layout, list(direct.levels), direct.rule), None)
