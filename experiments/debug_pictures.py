@@ -15,7 +15,9 @@ from vctgi.debug.voxels import LevelVoxels, stored_voxels
 from vctgi.pipeline import PreparedScene
 
 
-def voxel_images(prepared: PreparedScene, volume: VoxelVolume) -> dict[str, tuple[np.ndarray, str]]:
+def voxel_images(
+    prepared: PreparedScene, volume: VoxelVolume, rule: SlotRule
+) -> dict[str, tuple[np.ndarray, str]]:
     """Return what a record keeps of its voxels: name -> (linear picture, description).
 
     Every clip level as the camera sees it, of the size of the picture, and the lines between voxels
