@@ -203,7 +203,7 @@ def gate(  # noqa: PLR0913 - the options of a command
 
 
 @app.command
-def study(
+def study(  # noqa: PLR0913 - the options of a command
     name: str | None = None,
     *,
     quick: Annotated[
@@ -215,6 +215,9 @@ def study(
     resume: Annotated[
         bool, Parameter(negative="", help="Keep numbers that the same code has measured before.")
     ] = False,
+    scene: Annotated[
+        str | None, Parameter(help="Scene for the checks that take one, such as those of speed.")
+    ] = None,
     output: Annotated[Path | None, Parameter(help="Folder for pictures.")] = None,
     variant: Variant = None,
     cache: Cache = None,
@@ -224,7 +227,7 @@ def study(
 
     Without a NAME, list the studies.
     """
-    from experiments.studies.command import run_study, study_titles
+    from experiments.studies.command import StudyOptions, run_study, study_titles
 
     if name is None:
         titles = study_titles()
@@ -234,9 +237,7 @@ def study(
         return EXIT_DONE
     return run_study(
         name,
-        quick=quick,
-        only=only,
-        resume=resume,
+        StudyOptions(quick=quick, only=only, resume=resume, scene=scene),
         output=output,
         variant=variant,
         cache=cache,

@@ -33,8 +33,8 @@ from vctgi.stages.downsampling import downsample
 from vctgi.stages.gbuffer import trace_gbuffer
 from vctgi.stages.light_injection import inject_light
 from vctgi.stages.reflective_shadow_map import render_reflective_shadow_maps
-from vctgi.stages.voxelization.opacity import voxelize_opacity
-from vctgi.stages.voxelization.triangles import upload_triangles
+from vctgi.stages.voxelization.opacity import voxelize_triangles
+from vctgi.stages.voxelization.triangles import DeviceTriangles, upload_triangles
 from vctgi.stages.voxelization.update import changed_bounds, update_opacity
 
 
@@ -78,8 +78,8 @@ class SceneVoxels:
 
     Attributes
     ----------
-    surfaces
-        What they hold.
+    surfaces, triangles
+        What they hold, on the host and on the device.
     opacity
         Opacity at each clip level's own resolution.
     filled_count
@@ -87,6 +87,7 @@ class SceneVoxels:
     """
 
     surfaces: VoxelSurfaces
+    triangles: list[DeviceTriangles]
     opacity: OpacityClipmap
     filled_count: int
 
@@ -160,9 +161,11 @@ def voxelize_scene(
     """Voxelize the surfaces of a scene."""
     with clock("opacity voxelization"):
         layout = prepared.plan.layout
-        opacity = voxelize_opacity(prepared.surfaces, layout, config.voxelization)
+        triangles = upload_triangles(prepared.surfaces)
+        opacity = voxelize_triangles(triangles, layout, config.voxelization)
         dr.eval(opacity.levels)
-    return SceneVoxels(prepared.surfaces, opacity, count_voxels(map(window_region, layout.levels)))
+    filled = count_voxels(window_region(level) for level in layout.clip_levels)
+    return SceneVoxels(prepared.surfaces, triangles, opacity, filled)
 
 
 def update_voxels(
@@ -187,16 +190,13 @@ def update_voxels(
         The same as `voxelize_scene` returns, bit for bit.
     """
     with clock("opacity voxelization"):
+        changed = changed_bounds(voxels.surfaces, prepared.surfaces)
+        triangles = upload_triangles(prepared.surfaces) if changed else voxels.triangles
         opacity, stale = update_opacity(
-            voxels.opacity,
-            upload_triangles(prepared.surfaces),
-            prepared.plan.layout,
-            changed_bounds(voxels.surfaces, prepared.surfaces),
-            config.voxelization,
+            voxels.opacity, triangles, prepared.plan.layout, changed, config.voxelization
         )
-    return SceneVoxels(
-        prepared.surfaces, opacity, count_voxels(box for boxes in stale for box in boxes)
-    )
+    filled = count_voxels(box for boxes in stale for box in boxes)
+    return SceneVoxels(prepared.surfaces, triangles, opacity, filled)
 
 
 def light_volume(

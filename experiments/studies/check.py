@@ -42,11 +42,14 @@ class StudyContext:
         Takes a step and the share of it that is done, in [0, 1].
     output
         Folder for pictures and other files, made already, or None where none are wanted.
+    scene
+        The scene that the user asked for, or None: then each study has its own.
     """
 
     quick: bool
     progress: Callable[[str, float], None]
     output: Path | None = None
+    scene: str | None = None
     _found: dict[str, object] = field(default_factory=dict)
 
     def once(self, key: str, measure: Callable[[], Shared]) -> Shared:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import cast
@@ -29,12 +30,32 @@ def study_titles() -> dict[str, str]:
     return {name: entry.title for name, entry in STUDIES.items()}
 
 
+@dataclass(frozen=True, kw_only=True)
+class StudyOptions:
+    """What of a study is measured, and on what."""
+
+    quick: bool = False
+    """The smaller version."""
+    only: str | None = None
+    """Only checks whose name holds this text."""
+    resume: bool = False
+    """Numbers that the same code has measured before are kept."""
+    scene: str | None = None
+    """Scene for the checks that take one."""
+
+    @property
+    def words(self) -> list[str]:
+        """Return what to type to ask for the same numbers, apart from which."""
+        return [
+            *(["--quick"] if self.quick else []),
+            *(["--scene", self.scene] if self.scene is not None else []),
+        ]
+
+
 def run_study(
     name: str,
+    options: StudyOptions,
     *,
-    quick: bool,
-    only: str | None,
-    resume: bool,
     variant: str | None,
     cache: Path | None,
     output: Path | None,
@@ -49,22 +70,28 @@ def run_study(
     """
     entry = find_study(name)
     chosen_variant = start_mitsuba(variant)
-    chosen = select_checks(checks_of(entry), only)
+    chosen = select_checks(checks_of(entry), options.only)
     if output is not None:
         writable_folder(output)
     if json_file is not None:
         writable_file(json_file, "--json")
     kept = writable_folder(cache or default_cache_directory(), "--cache")
-    ledger = Ledger(kept / "studies" / f"{name}.jsonl", f"{chosen_variant} quick={quick}")
+    ledger = Ledger(
+        kept / "studies" / f"{name}.jsonl", shlex.join([chosen_variant, *options.words])
+    )
 
     rows: list[StudyRow] = []
     stream = _line_writer()
     with ProgressReport() as progress:
-        context = StudyContext(quick=quick, progress=progress, output=output)
-        if quick:
+        context = StudyContext(
+            quick=options.quick, progress=progress, output=output, scene=options.scene
+        )
+        if options.quick:
             stream(QUICK_NOTE)
         stream(head_line())
-        found = run_checks(name, chosen, context, ledger, resume=resume)
+        found = run_checks(
+            shlex.join([name, *options.words]), chosen, context, ledger, resume=options.resume
+        )
         configuration = ""
         for number, check in enumerate(chosen, start=1):
             progress.start_scene(f"{name}: {check.name}", number, len(chosen))
@@ -77,10 +104,11 @@ def run_study(
     failed = sum(not row.passed for row in rows)
     stream(f"{len(rows) - failed} of {len(rows)} passed" + (f", {failed} FAILED" if failed else ""))
     if json_file is not None:
-        command = _command(name, quick=quick, only=only)
+        only = [] if options.only is None else ["--only", options.only]
+        command = shlex.join(["vctgi", "study", name, *options.words, *only])
         record = StudyRecord(
             study=name,
-            quick=quick,
+            quick=options.quick,
             created=datetime.now(UTC),
             command=command,
             rows=rows,
@@ -88,15 +116,6 @@ def run_study(
         )
         json_file.write_text(record.model_dump_json(indent=1) + "\n", encoding="utf-8")
     return EXIT_FAILED if failed else EXIT_DONE
-
-
-def _command(name: str, *, quick: bool, only: str | None) -> str:
-    parts = ["vctgi", "study", name]
-    if quick:
-        parts.append("--quick")
-    if only is not None:
-        parts += ["--only", only]
-    return shlex.join(parts)
 
 
 def _line_writer() -> Callable[[str], None]:

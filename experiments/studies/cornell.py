@@ -23,6 +23,7 @@ from vctgi.maths.directions import (
     unit_from_bits,
 )
 from vctgi.maths.stub_gaps import as_mask
+from vctgi.scene.extent import half_extent
 from vctgi.scene.triangles import extract_triangles
 
 LIGHT_SAMPLES = 4
@@ -141,7 +142,9 @@ def path_traced(room: CornellBox, at: Receivers, path_count: int, seed: int) -> 
         place = _lattice(number, point, stream)
         local = mi.warp.square_to_cosine_hemisphere(place)
         n = dr.gather(mi.Vector3f, normal, point)
-        start = offset_from_surface(dr.gather(mi.Point3f, position, point), n)
+        start = offset_from_surface(
+            dr.gather(mi.Point3f, position, point), n, half_extent(room.scene)
+        )
         si = room.scene.ray_intersect(mi.Ray3f(start, mi.Frame3f(n).to_world(local)), as_mask(True))
         path = point * path_count + number
         seen = _reflected(room.scene, si, path, (0, 1), stream + 2)
@@ -173,12 +176,13 @@ def exact_rays(room: CornellBox, at: Receivers, cones: ConeSet, sample_count: in
     position = mi.Point3f(np.ascontiguousarray(at.points.T, dtype=np.float32))
     normal = mi.Vector3f(np.ascontiguousarray(at.normals.T, dtype=np.float32))
     sin, cos = dr.sincos(2.0 * math.pi * random_unit(point, TURN_STREAM))
+    start = offset_from_surface(position, normal, half_extent(room.scene))
     total = np.zeros((count, 3))
     for number, (axis, weight) in enumerate(zip(cones.directions, cones.weights, strict=True)):
         # Opaque, so that all directions share one kernel.
         x, y, z = (dr.opaque(mi.Float, value) for value in axis)
         turned = mi.Vector3f(cos * x - sin * y, sin * x + cos * y, z)
-        ray = mi.Ray3f(offset_from_surface(position, normal), mi.Frame3f(normal).to_world(turned))
+        ray = mi.Ray3f(start, mi.Frame3f(normal).to_world(turned))
         si = room.scene.ray_intersect(ray, as_mask(True))
         path = point * cones.cone_count + dr.opaque(mi.UInt32, number)
         for sample in range(sample_count):

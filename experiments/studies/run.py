@@ -19,7 +19,7 @@ def run_checks(
     Parameters
     ----------
     study
-        Name of the study, for the command that a row names.
+        Name and options of the study, for the command that a row names.
     chosen
         What to measure.
     context
@@ -34,12 +34,11 @@ def run_checks(
         if measured is None:
             measured = check.measure(context)
             ledger.add(check, measured)
-        yield make_row(study, check, measured, quick=context.quick)
+        yield make_row(study, check, measured)
 
 
-def make_row(study: str, check: Check, measured: Measured, *, quick: bool) -> StudyRow:
+def make_row(study: str, check: Check, measured: Measured) -> StudyRow:
     """Return the row of a measured check."""
-    size = " --quick" if quick else ""
     is_number = math.isfinite(measured.value)
     return StudyRow(
         check=check.name,
@@ -52,5 +51,5 @@ def make_row(study: str, check: Check, measured: Measured, *, quick: bool) -> St
         limit_high=check.limit_high,
         goal=check.goal,
         passed=is_within(measured.value, check.limit_low, check.limit_high),
-        how=f"vctgi study {study}{size} --only {shlex.quote(check.name)}",
+        how=f"vctgi study {study} --only {shlex.quote(check.name)}",
     )

@@ -16,7 +16,6 @@ from tests.vctgi.hand_made_volumes import (
     emittance_of,
     opacity_of,
     random_values,
-    surfaces_of,
 )
 from tests.vctgi.small_scenes import area_light, camera, color, diffuse, load, room
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
@@ -24,6 +23,7 @@ from vctgi.clipmap.storage import pack_volume
 from vctgi.config import preset
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.pipeline import light_volume, prepare_scene, render_frame
+from vctgi.scene.surfaces import opaque_surfaces
 from vctgi.scene.triangles import is_degenerate
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, march_cone
 from vctgi.stages.downsampling import downsample
@@ -82,7 +82,7 @@ def mirrored_table(table: np.ndarray) -> np.ndarray:
 
 
 def voxelized(vertices: np.ndarray) -> list[np.ndarray]:
-    opacity, _ = downsample(voxelize_opacity(surfaces_of(vertices), layout()), None)
+    opacity, _ = downsample(voxelize_opacity(opaque_surfaces(vertices), layout()), None)
     return [
         in_window_order(flat, level.resolution)
         for flat, level in zip(opacity.levels, layout().levels, strict=True)

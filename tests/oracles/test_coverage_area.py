@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from tests.vctgi.hand_made_volumes import surfaces_of
 from tests.vctgi.twins.clipping import area, clipped_area
 from vctgi.clipmap.levels import lay_out_clipmap
 from vctgi.maths.directions import DIRECTION_COUNT
+from vctgi.scene.surfaces import opaque_surfaces
 from vctgi.stages.voxelization.opacity import voxelize_opacity
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -44,7 +44,7 @@ def coverage(
         resolution=resolution,
     )
     corners = np.concatenate([triangle, np.full((3, 1), 0.5 * extent + 0.1)], axis=1)
-    found = voxelize_opacity(surfaces_of(corners[None]), layout).levels[0]
+    found = voxelize_opacity(opaque_surfaces(corners[None]), layout).levels[0]
     table = np.array(found).reshape(DIRECTION_COUNT, resolution, resolution, resolution)
     # Storage is toroidal, and the window starts at the origin.
     assert layout.levels[0].origin == (0, 0, 0)

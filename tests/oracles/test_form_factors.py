@@ -9,13 +9,13 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from tests.vctgi.hand_made_volumes import surfaces_of
 from tests.vctgi.small_scenes import SceneDict, load, oblique, rotation_matrix
 from tests.vctgi.surface_points import surface_points
 from vctgi.clipmap.levels import lay_out_clipmap
 from vctgi.clipmap.storage import VoxelVolume, pack_volume
 from vctgi.config import PRESETS
 from vctgi.scene.records import ReflectiveShadowMap
+from vctgi.scene.surfaces import opaque_surfaces
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
 from vctgi.stages.downsampling import downsample
 from vctgi.stages.light_injection import inject_light
@@ -98,7 +98,7 @@ def lit_volume(emitter: Square, receiver: Square, phase: tuple[float, float, flo
     x, y, z = (centre + shift).tolist()
     layout = lay_out_clipmap((x, y, z), finest_voxel_size=voxel_size, level_count=1, resolution=64)
     triangles = np.concatenate([emitter.triangles, receiver.triangles]) + shift
-    opacity = voxelize_opacity(surfaces_of(triangles), layout)
+    opacity = voxelize_opacity(opaque_surfaces(triangles), layout)
     points = emitter.points(EDGE_TEXELS) + shift
     flux = dr.full(mi.Float, RADIANCE * math.pi / EDGE_TEXELS**2, EDGE_TEXELS**2)
     texels = ReflectiveShadowMap(

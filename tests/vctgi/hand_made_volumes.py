@@ -10,21 +10,6 @@ import numpy as np
 from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap, VoxelVolume, pack_volume
 from vctgi.maths.directions import DIRECTION_COUNT
-from vctgi.scene.surfaces import VoxelSurfaces
-
-
-def surfaces_of(vertices: np.ndarray) -> VoxelSurfaces:
-    """Opaque one-sided triangles [triangle, corner, 3]."""
-    count = len(vertices)
-    return VoxelSurfaces(
-        vertices=np.asarray(vertices, dtype=np.float64),
-        uv=np.zeros((count, 3, 2)),
-        mask_index=np.full(count, -1),
-        shape_index=np.zeros(count, int),
-        masks=[],
-        flipped_count=0,
-        double_count=0,
-    )
 
 
 def opacity_of(layout: ClipmapLayout, levels: Sequence[np.ndarray]) -> OpacityClipmap:

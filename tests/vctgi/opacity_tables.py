@@ -6,11 +6,10 @@ from typing import get_args
 
 import numpy as np
 
-from tests.vctgi.hand_made_volumes import surfaces_of
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.directions import DIRECTION_COUNT
-from vctgi.scene.surfaces import VoxelSurfaces
+from vctgi.scene.surfaces import VoxelSurfaces, opaque_surfaces
 from vctgi.stages.voxelization.opacity import (
     Coverage,
     OpacityVoxelizationConfig,
@@ -41,7 +40,7 @@ def voxelize(
 ) -> list[np.ndarray]:
     """Opacities [direction, z, y, x] of each clip level, its lowest voxel first."""
     if isinstance(surfaces, np.ndarray):
-        surfaces = surfaces_of(surfaces)
+        surfaces = opaque_surfaces(surfaces)
     return tables(voxelize_opacity(surfaces, layout, OpacityVoxelizationConfig(coverage=method)))
 
 

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from drjit.auto.ad import Array4f16
 
     Words: TypeAlias = mi.Float | mi.Float16 | mi.UInt32
+else:
+    # Dr.Jit reads the annotations of records that pass through `mi.render`.
+    Words = object
 
 TEXEL_CHANNELS = 4
 """Red, green, blue emittance and opacity, side by side so that one packet load reads them."""

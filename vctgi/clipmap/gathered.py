@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.formats import TexelCode, VoxelAddress
+from vctgi.clipmap.formats import TexelCode, VoxelAddress, Words
 from vctgi.clipmap.neighbourhood import Layer, Neighbourhood
 from vctgi.maths.directions import DIRECTION_COUNT, other_axes
 from vctgi.maths.stub_gaps import as_component
-
-if TYPE_CHECKING:
-    from vctgi.clipmap.formats import Words
 
 
 @dataclass

@@ -116,6 +116,27 @@ def world_region(
     return intersection(window_region(level), box)
 
 
+def merged(boxes: Sequence[Region]) -> list[Region]:
+    """Return boxes that hold all of `boxes`, with those made one that fill or overlap a box."""
+    found: list[Region] = []
+    for new in boxes:
+        box = new
+        for other in list(found):
+            both = _around(box, other)
+            if both.voxel_count <= box.voxel_count + other.voxel_count:
+                found.remove(other)
+                box = both
+        found.append(box)
+    return found
+
+
+def _around(first: Region, second: Region) -> Region:
+    """Return the smallest box that holds two."""
+    low = tuple(min(a, b) for a, b in zip(first.low, second.low, strict=True))
+    high = tuple(max(a, b) for a, b in zip(first.high, second.high, strict=True))
+    return Region(level=first.level, low=(low[0], low[1], low[2]), high=(high[0], high[1], high[2]))
+
+
 def covered_region(finer: LevelLayout, coarser: LevelLayout) -> Region | None:
     """Return the voxels of a level whose eight children all lie in the next finer window."""
     low = [-(-o // 2) for o in finer.origin]
@@ -149,7 +170,7 @@ def stale_regions(
     stale: list[list[Region]] = []
     for old, new in zip(before.clip_levels, after.clip_levels, strict=True):
         touched = [world_region(new, low, high, margin_voxels) for low, high in changed]
-        stale.append(entered_regions(old, new) + [box for box in touched if box is not None])
+        stale.append(entered_regions(old, new) + merged([b for b in touched if b is not None]))
     return stale + [[] for _ in after.levels[after.clip_level_count :]]
 
 

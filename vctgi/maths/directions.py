@@ -67,13 +67,27 @@ def random_unit(index: mi.UInt32, stream: int | mi.UInt32) -> mi.Float:
     return unit_from_bits(mi.UInt32(bits))
 
 
-RAY_EPSILON = 1500.0 * 2.0**-24
-"""Offset of a new ray from its surface, relative to its coordinates: Mitsuba's own rule."""
+RAY_EPSILON = 64.0 * 2.0**-24
+"""Offset of a new ray from its surface, relative to its coordinates and to the scene's extent: room
+for the roundings of single precision. Mitsuba's own rule adds a length in world units, 9e-5, which
+is more than a small scene has."""
 
 
-def offset_from_surface(p_world: mi.Point3f, normal: mi.Vector3f) -> mi.Point3f:
-    """Return where a ray that leaves a surface on the side of `normal` starts."""
-    scale = 1.0 + dr.max(dr.abs(p_world))
+def offset_from_surface(
+    p_world: mi.Point3f, normal: mi.Vector3f, half_extent: mi.Float
+) -> mi.Point3f:
+    """Return where a ray that leaves a surface on the side of `normal` starts.
+
+    Parameters
+    ----------
+    p_world
+        Point of the surface.
+    normal
+        Its unit normal, on the side that the ray is on.
+    half_extent
+        Half the longest edge of the scene's bounds, world units.
+    """
+    scale = half_extent + dr.max(dr.abs(p_world))
     return mi.Point3f(dr.fma(normal, scale * RAY_EPSILON, p_world))
 
 

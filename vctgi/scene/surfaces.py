@@ -17,6 +17,7 @@ import numpy as np
 from vctgi.maths.directions import face_forward, offset_from_surface, random_unit
 from vctgi.maths.stub_gaps import as_mask
 from vctgi.scene.camera import survey_rays
+from vctgi.scene.extent import half_extent
 from vctgi.scene.materials import Material
 from vctgi.scene.triangles import SceneTriangles
 
@@ -65,6 +66,20 @@ class VoxelSurfaces:
     masks: list[mi.BSDF]
     flipped_count: int
     double_count: int
+
+
+def opaque_surfaces(vertices: np.ndarray) -> VoxelSurfaces:
+    """Return one-sided opaque triangles [triangle, corner, 3] of one shape as they are."""
+    count = len(vertices)
+    return VoxelSurfaces(
+        vertices=np.asarray(vertices, dtype=np.float64),
+        uv=np.zeros((count, 3, 2)),
+        mask_index=np.full(count, -1),
+        shape_index=np.zeros(count, int),
+        masks=[],
+        flipped_count=0,
+        double_count=0,
+    )
 
 
 def select_surfaces(
@@ -125,11 +140,12 @@ def _survey(scene: mi.Scene, sensor: mi.Sensor, triangles: SceneTriangles) -> np
     n = dr.gather(mi.Normal3f, si.n, parent)
     d = dr.gather(mi.Vector3f, ray.d, parent)
     is_valid = as_mask(dr.gather(mi.Bool, si.is_valid(), parent))
+    extent = half_extent(scene)
     for bounce in range(SURVEY_BOUNCES):
         normal = face_forward(mi.Vector3f(n), -d)
         sample = mi.Point2f(random_unit(lane, 2 * bounce), random_unit(lane, 2 * bounce + 1))
         d = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(sample))
-        ray = mi.Ray3f(offset_from_surface(mi.Point3f(p), normal), d)
+        ray = mi.Ray3f(offset_from_surface(mi.Point3f(p), normal, extent), d)
         si = scene.ray_intersect(ray, is_valid)
         is_valid &= si.is_valid()
         _count(votes, si, d, first_face, kept)

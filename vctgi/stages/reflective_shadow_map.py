@@ -17,8 +17,14 @@ import numpy as np
 
 from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
 from vctgi.errors import SceneError
-from vctgi.maths.directions import face_forward, kronecker_points, random_unit
+from vctgi.maths.directions import (
+    face_forward,
+    kronecker_points,
+    offset_from_surface,
+    random_unit,
+)
 from vctgi.maths.stub_gaps import as_component, as_mask
+from vctgi.scene.extent import half_extent
 from vctgi.scene.lights import Light
 from vctgi.scene.records import ReflectiveShadowMap
 
@@ -90,7 +96,7 @@ def render_reflective_shadow_maps(
         targets = layout.clip_levels if light.is_infinite else (None,)
         for level in targets:
             if level is None:
-                ray, flux = _rays_from_lamp(light, edge)
+                ray, flux = _rays_from_lamp(scene, light, edge)
             else:
                 ray, flux = _rays_from_outside(scene, light, level, edge)
             _require_power(flux, light.name)
@@ -118,7 +124,7 @@ def _grid(edge: int) -> tuple[mi.UInt32, mi.Point2f]:
     return index, (mi.Point2f(index % edge, index // edge) + 0.5) / edge
 
 
-def _rays_from_lamp(light: Light, edge: int) -> tuple[mi.Ray3f, mi.Color3f]:
+def _rays_from_lamp(scene: mi.Scene, light: Light, edge: int) -> tuple[mi.Ray3f, mi.Color3f]:
     """Rays that share the power of a lamp inside the scene, and the power of each, W."""
     index, texel = _grid(edge)
     # The grid goes to the domain that the light really has: directions of a point, positions of a
@@ -129,6 +135,11 @@ def _rays_from_lamp(light: Light, edge: int) -> tuple[mi.Ray3f, mi.Color3f]:
     ray, weight = light.emitter.sample_ray(
         as_component(0.0), as_component(0.5), position, direction
     )
+    if light.kind == "AreaLight":
+        # Mitsuba starts it at a distance from the lamp that a small scene does not have.
+        on_lamp, _ = light.emitter.sample_position(as_component(0.0), position)
+        side = face_forward(mi.Vector3f(on_lamp.n), ray.d)
+        ray.o = offset_from_surface(on_lamp.p, side, half_extent(scene))
     return ray, mi.Color3f(weight) / (edge * edge)
 
 

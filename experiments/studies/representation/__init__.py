@@ -6,9 +6,9 @@ The study is the sum of its parts, one module each.
 from __future__ import annotations
 
 from experiments.studies.check import Check
-from experiments.studies.representation import accuracy
+from experiments.studies.representation import accuracy, formats, memory, speed
 
-PARTS = [accuracy.checks]
+PARTS = [accuracy.checks, formats.checks, speed.checks, memory.checks]
 """What is measured, in the order of the table."""
 
 

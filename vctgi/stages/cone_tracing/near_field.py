@@ -17,6 +17,7 @@ from vctgi.clipmap.sampling import read_surface
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.directions import face_forward, offset_from_surface
 from vctgi.maths.stub_gaps import as_component, as_mask
+from vctgi.scene.extent import half_extent
 from vctgi.stages.cone_tracing.march import finest_level
 
 
@@ -67,7 +68,7 @@ def trace_near_field(
     level = mi.UInt32(dr.ceil(finest_level(volume.layout, apex)))
     voxel_size = volume.layout.finest_voxel_size * dr.exp2(mi.Float(level))
     reach = reach_voxels * voxel_size
-    ray = mi.Ray3f(offset_from_surface(apex, normal), axis)
+    ray = mi.Ray3f(offset_from_surface(apex, normal, half_extent(scene)), axis)
     ray.maxt = as_component(reach)
     si = scene.ray_intersect(ray, int(mi.RayFlags.Minimal), as_mask(False), as_mask(active))
     is_hit = mi.Bool(si.is_valid()) & active

@@ -16,6 +16,7 @@ import mitsuba as mi
 
 from vctgi.clipmap.regions import Region
 from vctgi.clipmap.slots import BEHIND_NUDGE, SlotRule, SurfaceSlot, surface_slot
+from vctgi.stages.voxelization.candidates import Candidates, find_candidates
 from vctgi.stages.voxelization.triangles import DeviceTriangles
 
 CELLS_PER_EDGE = 8
@@ -40,8 +41,8 @@ class Search:
 
 BY_CENTRES = Search()
 
-VIEWS_PER_PASS = 1 << 23
-"""Triangles times regions times axes that are looked at together; bounds the memory of a pass."""
+PAIRS_PER_PASS = 1 << 22
+"""Triangles in regions that are looked at together; bounds the memory of a pass."""
 
 COLUMNS_PER_PASS = 1 << 23
 """Columns that are filled together; bounds the memory of a pass."""
@@ -53,6 +54,8 @@ class RegionTable:
 
     Attributes
     ----------
+    regions
+        The same on the host.
     per_voxel
         One over the voxel size, 1 / world units.
     low, shape
@@ -66,6 +69,7 @@ class RegionTable:
         Words of all regions.
     """
 
+    regions: Sequence[Region]
     per_voxel: mi.Float64
     low: mi.Int32
     shape: mi.Int32
@@ -81,6 +85,7 @@ def region_table(regions: Sequence[Region], supersampling: Sequence[int]) -> Reg
         offsets.append(total)
         total += 6 * factor**2 * region.voxel_count
     return RegionTable(
+        regions=regions,
         per_voxel=mi.Float64([1.0 / region.level.voxel_size for region in regions]),
         low=mi.Int32([i for region in regions for i in region.low]),
         shape=mi.Int32([i for region in regions for i in region.shape]),
@@ -199,17 +204,17 @@ def enumerate_columns(
     search
         Which of them count.
     """
-    pairs = 3 * dr.width(table.per_voxel)
-    chunk = max(1, VIEWS_PER_PASS // pairs)
-    for begin in range(0, batch.count, chunk):
-        count = min(chunk, batch.count - begin)
-        lane = dr.arange(mi.UInt32, count * pairs)
+    candidates = find_candidates(batch, table.regions)
+    pair_count = 0 if candidates is None else dr.width(candidates.triangle)
+    for begin in range(0, pair_count, PAIRS_PER_PASS):
+        assert candidates is not None, "there are pairs to look at"
+        count = min(PAIRS_PER_PASS, pair_count - begin)
         # What differs from frame to frame is opaque, so that a moved camera compiles nothing.
-        width = dr.opaque(mi.UInt32, count)
-        pair = lane // width
-        start = dr.opaque(mi.UInt32, begin)
-        lanes = (lane % width + start, pair // 3, pair % 3)
-        first_u, first_v, count_u, column_count = _bounds(batch, table, rule, lanes, search)
+        start, width = dr.opaque(mi.UInt32, begin), dr.opaque(mi.UInt32, count)
+        lanes = _Lanes(candidates, start, width)
+        first_u, first_v, count_u, column_count = _bounds(
+            batch, table, rule, lanes.at(dr.arange(mi.UInt32, 3 * count)), search
+        )
         met = mi.UInt32(dr.compress(column_count > 0))
         if dr.width(met) == 0:
             continue
@@ -228,10 +233,7 @@ def enumerate_columns(
             number = dr.arange(mi.UInt32, last - first) + dr.opaque(mi.UInt32, first)
             local = number - dr.gather(mi.UInt32, starts, owner)
             view_lane = dr.gather(mi.UInt32, met, owner)
-            view_pair = view_lane // width
-            view = view_along(
-                batch, table, rule, (view_lane % width + start, view_pair // 3, view_pair % 3)
-            )
+            view = view_along(batch, table, rule, lanes.at(view_lane))
             # The unused lanes of the last SIMD packet gather 0, and the CPU traps a division by it.
             row = dr.maximum(dr.gather(mi.UInt32, count_u, view_lane), 1)
             yield Columns(
@@ -239,6 +241,21 @@ def enumerate_columns(
                 face_u=dr.gather(mi.Int32, first_u, view_lane) + mi.Int32(local % row),
                 face_v=dr.gather(mi.Int32, first_v, view_lane) + mi.Int32(local // row),
             )
+
+
+@dataclass
+class _Lanes:
+    """Candidates of one pass, each seen along three axes: a lane for every view."""
+
+    candidates: Candidates
+    start: mi.UInt32
+    width: mi.UInt32
+
+    def at(self, lane: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32]:
+        """Triangle, region and axis of each lane."""
+        pair = lane % self.width + self.start
+        triangle = dr.gather(mi.UInt32, self.candidates.triangle, pair)
+        return triangle, dr.gather(mi.UInt32, self.candidates.region, pair), lane // self.width
 
 
 def _bounds(

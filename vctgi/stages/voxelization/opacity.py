@@ -23,18 +23,20 @@ from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.scene.surfaces import VoxelSurfaces
 from vctgi.stages.voxelization.analytic import UNIT, add_areas
+from vctgi.stages.voxelization.candidates import occupied_regions
 from vctgi.stages.voxelization.cells import mark_cells
 from vctgi.stages.voxelization.columns import (
+    BY_CENTRES,
     CELLS_PER_EDGE,
     RegionTable,
     Search,
     enumerate_columns,
     region_table,
 )
-from vctgi.stages.voxelization.occupancy import occupied_regions
+from vctgi.stages.voxelization.samples import mark_samples, sample_search
 from vctgi.stages.voxelization.triangles import DeviceTriangles, upload_triangles
 
-Coverage = Literal["cells", "analytic"]
+Coverage = Literal["cells", "samples", "analytic"]
 
 WORDS_PER_PASS = 1 << 27
 """64-bit words of coverage that are held at a time (1 GiB); more is done in several passes."""
@@ -48,7 +50,8 @@ class OpacityVoxelizationConfig:
 
     coverage: Coverage = "cells"
     """How the covered share of a face is found. "cells": an 8 x 8 grid of cell centres along each
-    axis. "analytic": the exact area of each triangle; areas add."""
+    axis. "samples": the talk's eight samples along the axis of largest projection, reprojected onto
+    the others. "analytic": the exact area of each triangle; areas add."""
     max_supersampling: int = 1
     """Largest factor by which the cells of coarse levels are divided: level l has 8 x 2^l cells
     along an edge, up to 8 x this; a power of two in 1 .. 8."""
@@ -110,8 +113,16 @@ def voxelize_opacity(
     ----------
     [Panteleev2014], slides "Voxelization for opacity".
     """
+    return voxelize_triangles(upload_triangles(surfaces), layout, config)
+
+
+def voxelize_triangles(
+    triangles: list[DeviceTriangles],
+    layout: ClipmapLayout,
+    config: OpacityVoxelizationConfig = DEFAULT_CONFIG,
+) -> OpacityClipmap:
+    """Voxelize surfaces that are on the device already, as `voxelize_opacity` does."""
     levels = [dr.zeros(mi.Float, DIRECTION_COUNT * level.voxel_count) for level in layout.levels]
-    triangles = upload_triangles(surfaces)
     regions = [window_region(level) for level in layout.clip_levels]
     fill_regions(levels, triangles, occupied_regions(triangles, regions), config)
     return OpacityClipmap(layout, levels, config.slots)
@@ -159,23 +170,16 @@ def _cover(
                 dr.eval(sums)
         return sums
     masks = dr.zeros(mi.UInt64, table.word_count)
+    is_sampled = config.coverage == "samples"
+    search = sample_search(config.slots) if is_sampled else BY_CENTRES
     for batch in triangles:
-        for columns in enumerate_columns(batch, table, config.slots):
-            mark_cells(masks, columns, table, batch)
+        for columns in enumerate_columns(batch, table, config.slots, search):
+            if is_sampled:
+                mark_samples(masks, columns, table, config.slots, batch)
+            else:
+                mark_cells(masks, columns, table, batch)
             dr.eval(masks)
     return masks
-
-
-def clear_regions(levels: list[mi.Float], regions: Sequence[Region]) -> None:
-    """Set the opacity of boxes of voxels to zero; `levels` are changed in place."""
-    for region in regions:
-        level = region.level
-        volume = dr.opaque(mi.UInt32, region.voxel_count)
-        lane = dr.arange(mi.UInt32, DIRECTION_COUNT * region.voxel_count)
-        texel = texel_from_voxel(voxel_of_place(lane % volume, [region]), level.resolution)
-        target = texel + lane // volume * level.voxel_count
-        dr.scatter(levels[level.level], mi.Float(0.0), target)
-    dr.eval([levels[region.level.level] for region in regions])
 
 
 def _passes(regions: Sequence[Region], config: OpacityVoxelizationConfig) -> Iterator[list[Region]]:

@@ -16,11 +16,9 @@ from vctgi.clipmap.levels import ClipmapLayout
 from vctgi.clipmap.regions import Bounds, Region, same_levels, stale_regions
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.scene.surfaces import VoxelSurfaces
-from vctgi.stages.voxelization.occupancy import occupied_regions
 from vctgi.stages.voxelization.opacity import (
     DEFAULT_CONFIG,
     OpacityVoxelizationConfig,
-    clear_regions,
     fill_regions,
 )
 from vctgi.stages.voxelization.triangles import DeviceTriangles
@@ -70,10 +68,7 @@ def update_opacity(
         )
     margin = math.ceil(config.slots.thickness_voxels) + 1
     stale = stale_regions(opacity.layout, layout, changed, margin)
-    boxes = [box for level in stale for box in level]
-    occupied = occupied_regions(triangles, boxes)
-    clear_regions(opacity.levels, [box for box in boxes if box not in occupied])
-    fill_regions(opacity.levels, triangles, occupied, config)
+    fill_regions(opacity.levels, triangles, [box for boxes in stale for box in boxes], config)
     return OpacityClipmap(layout, opacity.levels, opacity.rule), stale
 
 

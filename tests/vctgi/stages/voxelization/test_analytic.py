@@ -8,11 +8,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tests.vctgi.hand_made_volumes import surfaces_of
 from tests.vctgi.twins.clipping import clipped_area
 from vctgi.clipmap.levels import LevelLayout, lay_out_clipmap
 from vctgi.clipmap.slots import BEHIND_NUDGE, SlotRule
 from vctgi.maths.directions import DIRECTION_COUNT, other_axes
+from vctgi.scene.surfaces import opaque_surfaces
 from vctgi.scene.triangles import is_degenerate
 from vctgi.stages.voxelization.opacity import OpacityVoxelizationConfig, voxelize_opacity
 from vctgi.stages.voxelization.triangles import unit_normals
@@ -38,7 +38,7 @@ def analytic(vertices: np.ndarray, rule: SlotRule) -> np.ndarray:
         (0.3, -5.0, 7.0), finest_voxel_size=0.25, level_count=1, resolution=RESOLUTION
     )
     config = OpacityVoxelizationConfig(coverage="analytic", slots=rule)
-    found = np.array(voxelize_opacity(surfaces_of(vertices), layout, config).levels[0])
+    found = np.array(voxelize_opacity(opaque_surfaces(vertices), layout, config).levels[0])
     table = found.astype(np.float64).reshape((DIRECTION_COUNT,) + (RESOLUTION,) * 3)
     x, y, z = level.origin
     unrolled: np.ndarray = np.roll(table, (-z, -y, -x), axis=(1, 2, 3))

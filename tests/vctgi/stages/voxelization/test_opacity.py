@@ -8,11 +8,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tests.vctgi.hand_made_volumes import surfaces_of
 from tests.vctgi.twins.voxelization import voxelize
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
 from vctgi.clipmap.slots import SlotRule
 from vctgi.maths.directions import DIRECTION_COUNT
+from vctgi.scene.surfaces import opaque_surfaces
 from vctgi.scene.triangles import is_degenerate
 from vctgi.stages.voxelization.opacity import (
     DEFAULT_CONFIG,
@@ -46,7 +46,7 @@ def in_window(voxels: np.ndarray) -> np.ndarray:
 def assert_equals_twin(
     vertices: np.ndarray, config: OpacityVoxelizationConfig = DEFAULT_CONFIG
 ) -> list[np.ndarray]:
-    found = voxelize_opacity(surfaces_of(vertices), layout(), config)
+    found = voxelize_opacity(opaque_surfaces(vertices), layout(), config)
     tables = []
     for level in layout().clip_levels:
         shape = (DIRECTION_COUNT,) + (level.resolution,) * 3
@@ -178,5 +178,5 @@ def test_one_sided_surface_fills_only_slots_that_see_its_front() -> None:
 
 
 def test_empty_scene_has_no_opacity() -> None:
-    found = voxelize_opacity(surfaces_of(np.zeros((0, 3, 3))), layout())
+    found = voxelize_opacity(opaque_surfaces(np.zeros((0, 3, 3))), layout())
     assert not any(np.array(level).any() for level in found.levels)

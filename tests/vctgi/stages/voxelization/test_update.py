@@ -12,13 +12,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.vctgi.hand_made_volumes import surfaces_of
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
 from vctgi.clipmap.regions import Bounds, stale_regions, unmerged_regions, window_region
 from vctgi.clipmap.slots import SlotRule
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
 from vctgi.scene.records import ReflectiveShadowMap
-from vctgi.scene.surfaces import VoxelSurfaces
+from vctgi.scene.surfaces import VoxelSurfaces, opaque_surfaces
 from vctgi.stages.downsampling import downsample, downsample_regions
 from vctgi.stages.light_injection import inject_light, update_emittance
 from vctgi.stages.voxelization.opacity import (
@@ -54,9 +53,9 @@ def objects(seed: int) -> list[np.ndarray]:
 
 def scene_of(parts: list[np.ndarray]) -> VoxelSurfaces:
     if not parts:
-        return surfaces_of(np.zeros((0, 3, 3)))
+        return opaque_surfaces(np.zeros((0, 3, 3)))
     owner = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-    return replace(surfaces_of(np.concatenate(parts)), shape_index=owner)
+    return replace(opaque_surfaces(np.concatenate(parts)), shape_index=owner)
 
 
 def assert_same(
