@@ -103,11 +103,11 @@ def entered_regions(before: LevelLayout, after: LevelLayout) -> list[Region]:
 
 
 def world_region(
-    level: LevelLayout, low: np.ndarray, high: np.ndarray, margin_voxels: int
+    level: LevelLayout, low: np.ndarray, high: np.ndarray, reach_voxels: float
 ) -> Region | None:
-    """Return the voxels of a window that a box in world units touches, and a margin around them."""
-    first = np.floor(np.asarray(low) / level.voxel_size).astype(np.int64) - margin_voxels
-    last = np.floor(np.asarray(high) / level.voxel_size).astype(np.int64) + 1 + margin_voxels
+    """Return the voxels of a window that a box in world units touches or comes near."""
+    first = np.floor(np.asarray(low) / level.voxel_size - reach_voxels).astype(np.int64)
+    last = np.floor(np.asarray(high) / level.voxel_size + reach_voxels).astype(np.int64) + 1
     box = Region(
         level=level,
         low=(int(first[0]), int(first[1]), int(first[2])),
@@ -154,7 +154,7 @@ def parent_region(child: Region, coarser: LevelLayout) -> Region | None:
 
 
 def stale_regions(
-    before: ClipmapLayout, after: ClipmapLayout, changed: Sequence[Bounds], margin_voxels: int
+    before: ClipmapLayout, after: ClipmapLayout, changed: Sequence[Bounds], reach_voxels: float
 ) -> list[list[Region]]:
     """Return what has to be voxelized anew, for each level; nothing for the mips.
 
@@ -164,12 +164,12 @@ def stale_regions(
         Windows of levels of the same sizes.
     changed
         Boxes (lowest, highest corner) in world units in which surfaces moved, came or went.
-    margin_voxels
-        How far a surface reaches beyond its own bounds.
+    reach_voxels
+        How far from a surface's bounds a voxel that it fills may lie.
     """
     stale: list[list[Region]] = []
     for old, new in zip(before.clip_levels, after.clip_levels, strict=True):
-        touched = [world_region(new, low, high, margin_voxels) for low, high in changed]
+        touched = [world_region(new, low, high, reach_voxels) for low, high in changed]
         stale.append(entered_regions(old, new) + merged([b for b in touched if b is not None]))
     return stale + [[] for _ in after.levels[after.clip_level_count :]]
 

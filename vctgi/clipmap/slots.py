@@ -47,6 +47,11 @@ class SlotRule:
         if not 0.0 <= self.sloped_below <= 2.0:
             raise ValueError(f"SlotRule.sloped_below must be in [0, 2], got {self.sloped_below}.")
 
+    @property
+    def reach_voxels(self) -> float:
+        """How far from a surface a voxel that it fills may lie, with the nudge behind it twice."""
+        return self.thickness_voxels + 2.0 * BEHIND_NUDGE
+
 
 DEFAULT_RULE = SlotRule()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import cast
 
 import drjit as dr
 import mitsuba as mi
@@ -39,8 +40,10 @@ def opacity_test(
     columns: Columns, plane: DepthPlane, batch: DeviceTriangles
 ) -> Callable[[mi.UInt32], mi.Bool]:
     """Return the function that says whether the mask of `batch` stops light at a cell."""
-    mask, view = batch.mask, columns.view
-    assert mask is not None, "only masked surfaces have cells that are not opaque"
+    view = columns.view
+    assert batch.mask is not None, "only masked surfaces have cells that are not opaque"
+    number = dr.gather(mi.UInt32, batch.mask, view.triangle)
+    mask = cast("mi.BSDFPtr", dr.reinterpret_array(mi.BSDFPtr, number))
     (u0, u1, u2), (v0, v1, v2) = view.u, view.v
     corners = [dr.gather(mi.Point2f, corner, view.triangle) for corner in batch.uv]
     doubled = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)
@@ -68,7 +71,7 @@ def opacity_test(
     return is_opaque
 
 
-def _passed(mask: mi.BSDF, uv: mi.Point2f) -> mi.Float:
+def _passed(mask: mi.BSDFPtr, uv: mi.Point2f) -> mi.Float:
     """Share of light that a mask lets through at texture coordinates."""
     si = dr.zeros(mi.SurfaceInteraction3f, dr.width(uv))
     si.uv = uv

@@ -14,12 +14,8 @@ import mitsuba as mi
 import numpy as np
 
 from vctgi.clipmap.regions import Region
-from vctgi.clipmap.slots import MAX_THICKNESS
+from vctgi.stages.voxelization.runs import lay_out_runs
 from vctgi.stages.voxelization.triangles import DeviceTriangles
-
-REACH_VOXELS = MAX_THICKNESS + 2.0
-"""How far from a triangle's bounds a voxel that it fills may lie: thickness, and one voxel each for
-the nudge behind the surface and for the blur of samples."""
 
 
 @dataclass
@@ -39,12 +35,12 @@ class _Boxes:
     count: mi.UInt32
 
 
-def _boxes(regions: Sequence[Region]) -> _Boxes:
+def _boxes(regions: Sequence[Region], reach_voxels: float) -> _Boxes:
     low, high = [], []
     for region in regions:
         size = region.level.voxel_size
-        low += [(i - REACH_VOXELS) * size for i in region.low]
-        high += [(i + REACH_VOXELS) * size for i in region.high]
+        low += [(i - reach_voxels) * size for i in region.low]
+        high += [(i + reach_voxels) * size for i in region.high]
     return _Boxes(mi.Float64(low), mi.Float64(high), dr.opaque(mi.UInt32, len(regions)))
 
 
@@ -69,15 +65,26 @@ class _Bounds:
         return near
 
 
-def find_candidates(batch: DeviceTriangles, regions: Sequence[Region]) -> Candidates | None:
+def find_candidates(
+    batch: DeviceTriangles, regions: Sequence[Region], reach_voxels: float
+) -> Candidates | None:
     """Return all pairs of a triangle and a region that it may fill; None if there are none.
+
+    Parameters
+    ----------
+    batch
+        Triangles.
+    regions
+        Boxes to fill.
+    reach_voxels
+        How far from a triangle's bounds a voxel that it fills may lie.
 
     Raises
     ------
     ValueError
         More pairs than 32 bits count.
     """
-    boxes = _boxes(regions)
+    boxes = _boxes(regions, reach_voxels)
     all_bounds = _Bounds(batch, dr.arange(mi.UInt32, batch.count))
 
     def count_one(region: mi.UInt32, found: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
@@ -91,30 +98,25 @@ def find_candidates(batch: DeviceTriangles, regions: Sequence[Region]) -> Candid
         body=count_one,
         label="count_candidates",
     )
-    counts = mi.UInt32(counts)
-    dr.eval(counts)
-    near = mi.UInt32(dr.compress(counts > 0))
-    if dr.width(near) == 0:
-        return None
-    counts = dr.gather(mi.UInt32, counts, near)
-    total = int(dr.sum(mi.UInt64(counts))[0])
-    if total >= 2**32:
+    runs = lay_out_runs(mi.UInt32(counts))
+    if runs is None:
         raise ValueError(
-            f"find_candidates: {total} pairs of triangles and boxes; split the scene's update."
+            f"find_candidates: {batch.count} triangles in {len(regions)} boxes are more pairs than "
+            "32 bits count; update fewer boxes at a time."
         )
-    starts = dr.prefix_sum(counts)
-    triangle, region_of = dr.zeros(mi.UInt32, total), dr.zeros(mi.UInt32, total)
-    dr.eval(starts, triangle, region_of)
-    bounds = _Bounds(batch, near)
+    if runs.total == 0:
+        return None
+    triangle, region_of = dr.zeros(mi.UInt32, runs.total), dr.zeros(mi.UInt32, runs.total)
+    lane = dr.arange(mi.UInt32, batch.count)
 
     def write_one(region: mi.UInt32, place: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
-        is_near = bounds.is_near(boxes, region)
-        dr.scatter(triangle, near, place, is_near)
+        is_near = all_bounds.is_near(boxes, region)
+        dr.scatter(triangle, lane, place, is_near)
         dr.scatter(region_of, region, place, is_near)
         return region + 1, place + dr.select(is_near, mi.UInt32(1), 0)
 
     dr.while_loop(
-        state=(dr.zeros(mi.UInt32, dr.width(near)), starts),
+        state=(mi.UInt32(none), runs.starts),
         cond=lambda region, place: region < boxes.count,
         body=write_one,
         label="write_candidates",
@@ -124,12 +126,12 @@ def find_candidates(batch: DeviceTriangles, regions: Sequence[Region]) -> Candid
 
 
 def occupied_regions(
-    triangles: Sequence[DeviceTriangles], regions: Sequence[Region]
+    triangles: Sequence[DeviceTriangles], regions: Sequence[Region], reach_voxels: float
 ) -> list[Region]:
-    """Return the boxes that the bounds of some triangle touch or nearly touch."""
+    """Return the boxes that the bounds of some triangle come near, within `reach_voxels`."""
     if not regions:
         return []
-    boxes = _boxes(regions)
+    boxes = _boxes(regions, reach_voxels)
     is_occupied = dr.zeros(mi.UInt32, len(regions))
     for batch in triangles:
         bounds = _Bounds(batch, dr.arange(mi.UInt32, batch.count))

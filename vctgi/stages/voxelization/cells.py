@@ -187,7 +187,7 @@ def face_word(columns: Columns, table: RegionTable) -> Callable[[mi.Int32], mi.U
     region, axis = view.region, view.axis
     factor = dr.gather(mi.UInt32, table.supersampling, region)
     shift = dr.log2i(factor)
-    shape = [along_axis(table.shape, region, mi.UInt32(which)) for which in range(3)]
+    shape = [along_axis(table.shape, region, mi.UInt32(which)) for which in range(2)]
     strides = [mi.Int32(1), shape[0], shape[0] * shape[1]]
 
     def stride(which: mi.UInt32) -> mi.Int32:
@@ -201,9 +201,10 @@ def face_word(columns: Columns, table: RegionTable) -> Callable[[mi.Int32], mi.U
         place += voxel * stride(which)
         sub_face = (sub_face << shift) + (mi.UInt32(face) & (factor - 1))
     slot = 2 * axis + view.slot.side
-    volume = mi.UInt32(strides[2] * shape[2])
-    base = dr.gather(mi.UInt32, table.offset, region)
-    base += ((slot << (2 * shift)) + sub_face) * volume + mi.UInt32(place)
+    list_count = dr.gather(mi.UInt32, table.list_count, region)
+    base = dr.gather(mi.UInt32, table.offset, region) + mi.UInt32(place)
+    base += ((slot << (2 * shift)) + sub_face) * list_count
+    base += dr.gather(mi.UInt32, table.first_voxel, region)
     along = stride(axis)
     lowest = along_axis(table.low, region, axis)
     return lambda layer: base + mi.UInt32((layer - lowest) * along)

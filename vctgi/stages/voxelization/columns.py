@@ -8,7 +8,7 @@ how many columns each triangle meets, then one lane for each column.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import drjit as dr
@@ -17,6 +17,7 @@ import mitsuba as mi
 from vctgi.clipmap.regions import Region
 from vctgi.clipmap.slots import BEHIND_NUDGE, SlotRule, SurfaceSlot, surface_slot
 from vctgi.stages.voxelization.candidates import Candidates, find_candidates
+from vctgi.stages.voxelization.runs import lay_out_runs, owners
 from vctgi.stages.voxelization.triangles import DeviceTriangles
 
 CELLS_PER_EDGE = 8
@@ -63,8 +64,12 @@ class RegionTable:
     supersampling
         Faces of 8 x 8 cells along an edge of a voxel.
     offset
-        First word of the region in the result; a region has 6 x supersampling^2 words a voxel,
-        ordered [slot, sub-face, z, y, x].
+        First word of the region's level in the result; a level has 6 x supersampling^2 words a
+        voxel, ordered [slot, sub-face, voxel], with the voxels of its regions one after the other.
+    first_voxel
+        Place of the region's first voxel in that list.
+    list_count
+        Voxels of the list.
     word_count
         Words of all regions.
     """
@@ -75,22 +80,32 @@ class RegionTable:
     shape: mi.Int32
     supersampling: mi.UInt32
     offset: mi.UInt32
+    first_voxel: mi.UInt32
+    list_count: mi.UInt32
     word_count: int
 
 
-def region_table(regions: Sequence[Region], supersampling: Sequence[int]) -> RegionTable:
-    """Return `regions` as device arrays."""
-    offsets, total = [], 0
-    for region, factor in zip(regions, supersampling, strict=True):
-        offsets.append(total)
-        total += 6 * factor**2 * region.voxel_count
+def region_table(regions: Sequence[Region], supersampling: Callable[[int], int]) -> RegionTable:
+    """Return `regions`, those of one level side by side, as device arrays."""
+    counts: dict[int, int] = {}
+    first_voxel = []
+    for region in regions:
+        first_voxel.append(counts.get(region.level.level, 0))
+        counts[region.level.level] = first_voxel[-1] + region.voxel_count
+    offsets, total = {}, 0
+    for level, count in counts.items():
+        offsets[level] = total
+        total += 6 * supersampling(level) ** 2 * count
+    levels = [region.level.level for region in regions]
     return RegionTable(
         regions=regions,
         per_voxel=mi.Float64([1.0 / region.level.voxel_size for region in regions]),
         low=mi.Int32([i for region in regions for i in region.low]),
         shape=mi.Int32([i for region in regions for i in region.shape]),
-        supersampling=mi.UInt32(list(supersampling)),
-        offset=mi.UInt32(offsets),
+        supersampling=mi.UInt32([supersampling(level) for level in levels]),
+        offset=mi.UInt32([offsets[level] for level in levels]),
+        first_voxel=mi.UInt32(first_voxel),
+        list_count=mi.UInt32([counts[level] for level in levels]),
         word_count=total,
     )
 
@@ -204,7 +219,8 @@ def enumerate_columns(
     search
         Which of them count.
     """
-    candidates = find_candidates(batch, table.regions)
+    reach = rule.reach_voxels + search.margin_voxels
+    candidates = find_candidates(batch, table.regions, reach)
     pair_count = 0 if candidates is None else dr.width(candidates.triangle)
     for begin in range(0, pair_count, PAIRS_PER_PASS):
         assert candidates is not None, "there are pairs to look at"
@@ -215,24 +231,17 @@ def enumerate_columns(
         first_u, first_v, count_u, column_count = _bounds(
             batch, table, rule, lanes.at(dr.arange(mi.UInt32, 3 * count)), search
         )
-        met = mi.UInt32(dr.compress(column_count > 0))
-        if dr.width(met) == 0:
-            continue
-        counts = dr.gather(mi.UInt32, column_count, met)
-        # Wide sums: a scene may ask for more columns than 32 bits count.
-        total = int(dr.sum(mi.UInt64(counts))[0])
-        if total >= 2**32:
+        runs = lay_out_runs(column_count)
+        if runs is None:
             raise ValueError(
-                f"enumerate_columns: {total} columns in one pass; lower the clipmap's resolution."
+                "enumerate_columns: a pass has more columns than 32 bits count; lower the "
+                "clipmap's resolution."
             )
-        starts = dr.prefix_sum(counts)
-        dr.eval(starts)
-        for first in range(0, total, COLUMNS_PER_PASS):
-            last = min(first + COLUMNS_PER_PASS, total)
-            owner = _owners(starts, first, last)
+        for first in range(0, runs.total, COLUMNS_PER_PASS):
+            last = min(first + COLUMNS_PER_PASS, runs.total)
+            view_lane = owners(runs, first, last)
             number = dr.arange(mi.UInt32, last - first) + dr.opaque(mi.UInt32, first)
-            local = number - dr.gather(mi.UInt32, starts, owner)
-            view_lane = dr.gather(mi.UInt32, met, owner)
+            local = number - dr.gather(mi.UInt32, runs.starts, view_lane)
             view = view_along(batch, table, rule, lanes.at(view_lane))
             # The unused lanes of the last SIMD packet gather 0, and the CPU traps a division by it.
             row = dr.maximum(dr.gather(mi.UInt32, count_u, view_lane), 1)
@@ -306,12 +315,3 @@ def dominant_axis(batch: DeviceTriangles, triangle: mi.UInt32) -> mi.UInt32:
     )
     first = dr.select(y > x, mi.UInt32(1), mi.UInt32(0))
     return dr.select(z > dr.maximum(x, y), mi.UInt32(2), first)
-
-
-def _owners(starts: mi.UInt32, begin: int, end: int) -> mi.UInt32:
-    """Which run each number in [begin, end) belongs to; runs are not empty."""
-    before = mi.UInt32(dr.count(starts <= dr.opaque(mi.UInt32, begin))) - 1
-    is_new = dr.zeros(mi.UInt32, end - begin)
-    first, after = dr.opaque(mi.UInt32, begin), dr.opaque(mi.UInt32, end)
-    dr.scatter(is_new, mi.UInt32(1), starts - first, (starts > first) & (starts < after))
-    return before + dr.cumsum(is_new)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import groupby
 from typing import Literal, get_args
 
 import drjit as dr
@@ -17,7 +18,7 @@ import mitsuba as mi
 
 from vctgi.clipmap.addressing import texel_from_voxel, voxel_of_place
 from vctgi.clipmap.levels import ClipmapLayout
-from vctgi.clipmap.regions import Region, window_region
+from vctgi.clipmap.regions import Region, count_voxels, window_region
 from vctgi.clipmap.slots import SlotRule
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.directions import DIRECTION_COUNT
@@ -40,6 +41,9 @@ Coverage = Literal["cells", "samples", "analytic"]
 
 WORDS_PER_PASS = 1 << 27
 """64-bit words of coverage that are held at a time (1 GiB); more is done in several passes."""
+
+TEXELS_AT_ONCE = 1 << 16
+"""Voxels of boxes above which their addresses are worth a launch of their own."""
 
 MAX_SUPERSAMPLING = 8
 
@@ -79,6 +83,12 @@ class OpacityVoxelizationConfig:
                 "OpacityVoxelizationConfig.max_supersampling must be 1 with analytic coverage, "
                 f"which is exact, got {factor}."
             )
+
+    @property
+    def reach_voxels(self) -> float:
+        """How far from a surface's bounds a voxel that it fills may lie."""
+        margin = sample_search(self.slots).margin_voxels if self.coverage == "samples" else 0
+        return self.slots.reach_voxels + margin
 
     def supersampling(self, level: int) -> int:
         """Factor by which the cells of a level are divided."""
@@ -124,7 +134,9 @@ def voxelize_triangles(
     """Voxelize surfaces that are on the device already, as `voxelize_opacity` does."""
     levels = [dr.zeros(mi.Float, DIRECTION_COUNT * level.voxel_count) for level in layout.levels]
     regions = [window_region(level) for level in layout.clip_levels]
-    fill_regions(levels, triangles, occupied_regions(triangles, regions), config)
+    fill_regions(
+        levels, triangles, occupied_regions(triangles, regions, config.reach_voxels), config
+    )
     return OpacityClipmap(layout, levels, config.slots)
 
 
@@ -148,13 +160,14 @@ def fill_regions(
         Sampling and thickness.
     """
     for group in _passes(regions, config):
-        factors = [config.supersampling(region.level.level) for region in group]
-        table = region_table(group, factors)
+        table = region_table(group, config.supersampling)
         words = _cover(triangles, table, config)
         offset = 0
-        for region, factor in zip(group, factors, strict=True):
-            _write(levels[region.level.level], words, region, factor, offset, config)
-            offset += DIRECTION_COUNT * factor**2 * region.voxel_count
+        for level, boxes in groupby(group, key=lambda region: region.level):
+            held = list(boxes)
+            _write(levels[level.level], words, held, offset, config)
+            voxel_count = count_voxels(held)
+            offset += DIRECTION_COUNT * config.supersampling(level.level) ** 2 * voxel_count
         dr.eval([levels[region.level.level] for region in group])
 
 
@@ -183,10 +196,10 @@ def _cover(
 
 
 def _passes(regions: Sequence[Region], config: OpacityVoxelizationConfig) -> Iterator[list[Region]]:
-    """Split and group boxes so that the words of each group fit the memory of a pass."""
+    """Split and group boxes, level by level, so that each group fits the memory of a pass."""
     group: list[Region] = []
     held = 0
-    for region in regions:
+    for region in sorted(regions, key=lambda region: region.level.level):
         words = DIRECTION_COUNT * config.supersampling(region.level.level) ** 2
         for part in region.split(WORDS_PER_PASS // words):
             if held + words * part.voxel_count > WORDS_PER_PASS:
@@ -201,26 +214,31 @@ def _passes(regions: Sequence[Region], config: OpacityVoxelizationConfig) -> Ite
 def _write(
     opacity: mi.Float,
     words: mi.UInt64 | mi.Int64,
-    region: Region,
-    factor: int,
+    boxes: Sequence[Region],
     offset: int,
     config: OpacityVoxelizationConfig,
 ) -> None:
-    """Turn the coverage of a box into opacity at the texels of its level."""
-    level = region.level
+    """Turn the coverage of the boxes of a level into opacity at its texels."""
+    level = boxes[0].level
+    factor, voxel_count = config.supersampling(level.level), count_voxels(boxes)
     # What differs from frame to frame is opaque, so that a moved camera compiles nothing.
-    volume, base = dr.opaque(mi.UInt32, region.voxel_count), dr.opaque(mi.UInt32, offset)
-    lane = dr.arange(mi.UInt32, DIRECTION_COUNT * region.voxel_count)
-    slot, place = lane // volume, lane % volume
+    count, base = dr.opaque(mi.UInt32, voxel_count), dr.opaque(mi.UInt32, offset)
+    lane = dr.arange(mi.UInt32, DIRECTION_COUNT * voxel_count)
+    slot, place = lane // count, lane % count
+    if voxel_count < TEXELS_AT_ONCE:
+        texel = texel_from_voxel(voxel_of_place(place, boxes), level.resolution)
+    else:
+        every = voxel_of_place(dr.arange(mi.UInt32, voxel_count), boxes)
+        texel = dr.gather(mi.UInt32, texel_from_voxel(every, level.resolution), place)
 
     def word(slot: mi.UInt32, sub_face: int) -> mi.UInt32:
-        return base + (slot * factor**2 + sub_face) * volume + place
+        return base + (slot * factor**2 + sub_face) * count + place
 
     if isinstance(words, mi.Int64):
-        covered_areas = dr.gather(mi.Int64, words, word(slot, 0))
+        areas = dr.gather(mi.Int64, words, word(slot, 0))
         if config.is_two_sided:
-            covered_areas += dr.gather(mi.Int64, words, word(slot ^ 1, 0))
-        share = dr.minimum(mi.Float(mi.Float64(covered_areas) / UNIT), 1.0)
+            areas += dr.gather(mi.Int64, words, word(slot ^ 1, 0))
+        share = dr.minimum(mi.Float(mi.Float64(areas) / UNIT), 1.0)
     else:
         covered = mi.UInt32(0)
         for sub_face in range(factor**2):
@@ -229,5 +247,4 @@ def _write(
                 bits |= dr.gather(mi.UInt64, words, word(slot ^ 1, sub_face))
             covered += mi.UInt32(dr.popcnt(bits))
         share = mi.Float(covered) * (1.0 / (factor * CELLS_PER_EDGE) ** 2)
-    texel = texel_from_voxel(voxel_of_place(place, [region]), level.resolution)
     dr.scatter(opacity, share, texel + slot * level.voxel_count)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -28,21 +29,23 @@ class DeviceTriangles:
     count
         Number of triangles.
     mask
-        BSDF whose null transmission thins the coverage, or None for opaque triangles.
+        For each triangle the BSDF whose null transmission thins its coverage, as a number of
+        Dr.Jit's registry; None for opaque triangles.
     """
 
     corners: list[mi.Float64]
     normal: mi.Float
     uv: list[mi.Point2f]
     count: int
-    mask: mi.BSDF | None
+    mask: mi.UInt32 | None
 
 
 def upload_triangles(surfaces: VoxelSurfaces) -> list[DeviceTriangles]:
-    """Copy surfaces to the device, one batch for the opaque ones and one for each mask."""
+    """Copy surfaces to the device, one batch for the opaque ones and one for those with masks."""
     batches = []
-    for mask_index in range(-1, len(surfaces.masks)):
-        chosen = np.flatnonzero(surfaces.mask_index == mask_index)
+    numbers = np.array([registry_number(mask) for mask in surfaces.masks], dtype=np.uint32)
+    for has_mask in (False, True):
+        chosen = np.flatnonzero((surfaces.mask_index >= 0) == has_mask)
         if len(chosen) == 0:
             continue
         vertices = surfaces.vertices[chosen]
@@ -59,7 +62,7 @@ def upload_triangles(surfaces: VoxelSurfaces) -> list[DeviceTriangles]:
                     for c in range(3)
                 ],
                 count=len(chosen),
-                mask=None if mask_index < 0 else surfaces.masks[mask_index],
+                mask=mi.UInt32(numbers[surfaces.mask_index[chosen]]) if has_mask else None,
             )
         )
     return batches
@@ -72,3 +75,8 @@ def unit_normals(vertices: np.ndarray) -> np.ndarray:
     # A wall that rounding tilts a little must not gain a slot across its plane.
     normal[np.abs(normal) < FLAT_NORMAL] = 0.0
     return normal
+
+
+def registry_number(bsdf: mi.BSDF) -> int:
+    """Return the number by which Dr.Jit knows a BSDF."""
+    return int(mi.UInt32(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf)))[0])

@@ -7,7 +7,6 @@ voxel's opacity depends on nothing but the surfaces in it and the level's lattic
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -66,8 +65,7 @@ def update_opacity(
             "update_opacity: surfaces were made of another thickness before; "
             "voxelize anew with voxelize_opacity."
         )
-    margin = math.ceil(config.slots.thickness_voxels) + 1
-    stale = stale_regions(opacity.layout, layout, changed, margin)
+    stale = stale_regions(opacity.layout, layout, changed, config.reach_voxels)
     fill_regions(opacity.levels, triangles, [box for boxes in stale for box in boxes], config)
     return OpacityClipmap(layout, opacity.levels, opacity.rule), stale
 

@@ -164,6 +164,11 @@ def test_far_from_the_origin_nothing_changes() -> None:
     np.testing.assert_allclose(far, near, rtol=0.0, atol=ROUNDING)
 
 
+GRADIENT_NOISE = 1e-7
+"""Of the largest derivative: what cancelling terms leave on CUDA, where derivatives of quotients
+take a reciprocal that is not rounded to the last place (measured: 3e-8)."""
+
+
 def gradient(triangle: np.ndarray) -> np.ndarray:
     """Return the derivatives [corner, axis] of the area in the unit box."""
     # Opaque, or selections would be decided before the derivative is taken.
@@ -201,7 +206,9 @@ def test_derivatives_equal_differences() -> None:
         differences = (values[..., 0] - values[..., 1]) / (2.0 * step)
         # Central differences of a piecewise smooth function: second order in the step, and the
         # rounding of the areas over it.
-        np.testing.assert_allclose(gradient(triangle), differences, rtol=1e-5, atol=1e-8)
+        found = gradient(triangle)
+        atol = 1e-8 + GRADIENT_NOISE * np.abs(found).max()
+        np.testing.assert_allclose(found, differences, rtol=1e-5, atol=atol)
 
 
 def test_edges_along_an_axis_have_the_derivative_of_either_side() -> None:

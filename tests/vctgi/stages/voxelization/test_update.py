@@ -133,7 +133,7 @@ def walk(seed: int, steps: Steps, config: OpacityVoxelizationConfig) -> None:
         surfaces, layout = scene_of(world.parts), layout_at(world.centre)
         changed = changed_bounds(before[0], surfaces)
         direct, _ = update_opacity(direct, upload_triangles(surfaces), layout, changed, config)
-        dark = stale_regions(before[1], layout, changed + relit, 3)
+        dark = stale_regions(before[1], layout, changed + relit, config.reach_voxels)
         emittance = EmittanceClipmap(
             layout, emittance.levels, emittance.lost_flux_share, emittance.steps_per_unit
         )
@@ -175,8 +175,9 @@ def test_walks_of_camera_and_objects_equal_a_rebuild(seed: int, steps: Steps) ->
         OpacityVoxelizationConfig(max_supersampling=4),
         OpacityVoxelizationConfig(is_two_sided=True),
         OpacityVoxelizationConfig(coverage="analytic"),
+        OpacityVoxelizationConfig(coverage="samples"),
     ],
-    ids=["thick", "supersampled", "two-sided", "analytic"],
+    ids=["thick", "supersampled", "two-sided", "analytic", "samples"],
 )
 def test_walks_equal_a_rebuild_with_every_option(
     config: OpacityVoxelizationConfig,
