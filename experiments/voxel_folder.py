@@ -187,6 +187,7 @@ def _differences(
 ) -> Iterator[tuple[int, str, OpacityDifference]]:
     """Compare opacities: sampled with exact coverage, downsampled with direct voxels."""
     layout = prepared.plan.layout
+    voxelization = replace(voxelization, is_complete=True)
     direct = voxelize_opacity(prepared.surfaces, layout, voxelization)
     analytic = replace(voxelization, coverage="analytic", max_supersampling=1)
     exact = voxelize_opacity(prepared.surfaces, layout, analytic)

@@ -14,7 +14,7 @@ from typing import Protocol
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.regions import count_voxels, window_region
+from vctgi.clipmap.regions import count_voxels, own_regions
 from vctgi.clipmap.storage import OpacityClipmap, VoxelVolume, pack_volume
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
@@ -87,7 +87,7 @@ class SceneVoxels:
     """
 
     surfaces: VoxelSurfaces
-    triangles: list[DeviceTriangles]
+    triangles: DeviceTriangles
     opacity: OpacityClipmap
     filled_count: int
 
@@ -164,7 +164,7 @@ def voxelize_scene(
         triangles = upload_triangles(prepared.surfaces)
         opacity = voxelize_triangles(triangles, layout, config.voxelization)
         dr.eval(opacity.levels)
-    filled = count_voxels(window_region(level) for level in layout.clip_levels)
+    filled = count_voxels(box for level in layout.clip_levels for box in own_regions(layout, level))
     return SceneVoxels(prepared.surfaces, triangles, opacity, filled)
 
 

@@ -41,7 +41,11 @@ def voxelize(
     """Opacities [direction, z, y, x] of each clip level, its lowest voxel first."""
     if isinstance(surfaces, np.ndarray):
         surfaces = opaque_surfaces(surfaces)
-    return tables(voxelize_opacity(surfaces, layout, OpacityVoxelizationConfig(coverage=method)))
+    return tables(
+        voxelize_opacity(
+            surfaces, layout, OpacityVoxelizationConfig(coverage=method, is_complete=True)
+        )
+    )
 
 
 def tables(opacity: OpacityClipmap) -> list[np.ndarray]:

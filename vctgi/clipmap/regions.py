@@ -145,6 +145,18 @@ def covered_region(finer: LevelLayout, coarser: LevelLayout) -> Region | None:
     return intersection(window_region(coarser), box)
 
 
+def own_regions(layout: ClipmapLayout, level: LevelLayout) -> list[Region]:
+    """Return the voxels of a level that it does not get from a finer window."""
+    covered = covered_by_finer(layout, level)
+    whole = window_region(level)
+    return [whole] if covered is None else difference(whole, covered)
+
+
+def covered_by_finer(layout: ClipmapLayout, level: LevelLayout) -> Region | None:
+    """Return the voxels of a level that it gets from a finer window, if there is one."""
+    return None if level.level == 0 else covered_region(layout.levels[level.level - 1], level)
+
+
 def parent_region(child: Region, coarser: LevelLayout) -> Region | None:
     """Return the voxels of the next coarser level that contain voxels of a box."""
     low = [i // 2 for i in child.low]
@@ -158,6 +170,9 @@ def stale_regions(
 ) -> list[list[Region]]:
     """Return what has to be voxelized anew, for each level; nothing for the mips.
 
+    That is what entered a window, what a finer window no longer covers, and what changed; but
+    nothing that a finer window covers now.
+
     Parameters
     ----------
     before, after
@@ -170,8 +185,27 @@ def stale_regions(
     stale: list[list[Region]] = []
     for old, new in zip(before.clip_levels, after.clip_levels, strict=True):
         touched = [world_region(new, low, high, reach_voxels) for low, high in changed]
-        stale.append(entered_regions(old, new) + merged([b for b in touched if b is not None]))
+        boxes = entered_regions(old, new) + merged([b for b in touched if b is not None])
+        covered = covered_by_finer(after, new)
+        was_covered = covered_by_finer(before, old)
+        uncovered = None if was_covered is None else intersection(window_region(new), was_covered)
+        if uncovered is not None:
+            boxes.append(uncovered)
+        if covered is not None:
+            boxes = [part for box in boxes for part in difference(box, covered)]
+        stale.append(boxes)
     return stale + [[] for _ in after.levels[after.clip_level_count :]]
+
+
+def newly_covered_regions(before: ClipmapLayout, after: ClipmapLayout) -> list[Region]:
+    """Return what finer windows cover now and did not cover before."""
+    found = []
+    for level in after.clip_levels:
+        covered = covered_by_finer(after, level)
+        if covered is not None:
+            old = covered_by_finer(before, before.levels[level.level])
+            found += [covered] if old is None else difference(covered, old)
+    return found
 
 
 def unmerged_regions(

@@ -16,7 +16,7 @@ import mitsuba as mi
 
 from vctgi.clipmap.addressing import is_inside, texel_from_voxel, voxel_of_place
 from vctgi.clipmap.levels import LevelLayout
-from vctgi.clipmap.regions import Region, window_region
+from vctgi.clipmap.regions import Region, newly_covered_regions, own_regions
 from vctgi.clipmap.slots import filled_layers, surface_slot
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
 from vctgi.maths.directions import DIRECTION_COUNT
@@ -53,7 +53,7 @@ def inject_light(maps: list[ReflectiveShadowMap], opacity: OpacityClipmap) -> Em
         [0.0] * layout.clip_level_count,
         [0.0] * layout.clip_level_count,
     )
-    whole: list[list[Region]] = [[window_region(level)] for level in layout.clip_levels]
+    whole = [own_regions(layout, level) for level in layout.clip_levels]
     return update_emittance(dark, maps, opacity, whole)
 
 
@@ -82,16 +82,28 @@ def update_emittance(
         The same, bit for bit, as `inject_light` of all of it.
     """
     layout = opacity.layout
+    _darken(emittance.levels, newly_covered_regions(emittance.layout, layout))
     lit = EmittanceClipmap(layout, emittance.levels, [], [])
     for level in layout.clip_levels:
         lighting = [m for m in maps if m.level in (None, level.level)]
         steps = _steps_per_unit(lighting, level)
         # Light summed in other steps is rounded otherwise: then all of it is summed again.
         is_kept = steps == emittance.steps_per_unit[level.level]
-        boxes = list(stale[level.level]) if is_kept else [window_region(level)]
+        boxes = list(stale[level.level]) if is_kept else own_regions(layout, level)
         lit.lost_flux_share.append(_fill(lit, lighting, opacity, boxes, steps, level))
         lit.steps_per_unit.append(steps)
     return lit
+
+
+def _darken(levels: list[mi.Color3f], boxes: Sequence[Region]) -> None:
+    """Set the emittance in boxes to zero; `levels` are changed in place."""
+    for box in boxes:
+        count = dr.opaque(mi.UInt32, box.voxel_count)
+        lane = dr.arange(mi.UInt32, DIRECTION_COUNT * box.voxel_count)
+        texel = texel_from_voxel(voxel_of_place(lane % count, [box]), box.level.resolution)
+        index = texel + lane // count * box.level.voxel_count
+        dr.scatter(levels[box.level.level], mi.Color3f(0.0), index)
+        dr.eval(levels[box.level.level])
 
 
 def _steps_per_unit(maps: list[ReflectiveShadowMap], level: LevelLayout) -> float:
@@ -177,6 +189,10 @@ def _scatter(
     for number, (layer, is_filled) in enumerate(filled_layers(mi.Float(where[axis]), slot)):
         filled = mi.Vector3i([layer if i == axis else mi.Int32(voxel[i]) for i in range(3)])
         active = is_filled & is_inside(filled, level)
+        if level.level > 0:
+            # What a finer window covers is downsampled from there.
+            finer = opacity.layout.levels[level.level - 1]
+            active &= ~is_inside(2 * filled, finer)
         texel = texel_from_voxel(filled, level.resolution)
         direction = 2 * axis + slot.side
         alpha = opacity.levels[level.level]

@@ -201,7 +201,7 @@ def _moved_object(context: StudyContext) -> Measured:
 
 def _follow(
     held: list[OpacityClipmap],
-    triangles: list[DeviceTriangles],
+    triangles: DeviceTriangles,
     layout: ClipmapLayout,
     changed: list[Bounds],
 ) -> None:

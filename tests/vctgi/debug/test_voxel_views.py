@@ -47,7 +47,7 @@ def voxelized(
     vertices: np.ndarray, layout: ClipmapLayout, radiance: list[float], thickness: float = 1.0
 ) -> LevelVoxels:
     """Voxels of one-sided triangles that all have one radiance."""
-    config = OpacityVoxelizationConfig(slots=SlotRule(thickness_voxels=thickness))
+    config = OpacityVoxelizationConfig(slots=SlotRule(thickness_voxels=thickness), is_complete=True)
     opacity = voxelize_opacity(opaque_surfaces(vertices), layout, config)
     alphas = [
         np.array(a).reshape(DIRECTION_COUNT, *(each.resolution,) * 3)

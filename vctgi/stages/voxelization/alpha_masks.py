@@ -12,14 +12,15 @@ from vctgi.maths.directions import random_unit
 from vctgi.maths.stub_gaps import as_component
 from vctgi.stages.voxelization.columns import CELLS_PER_EDGE, Columns
 from vctgi.stages.voxelization.depth_plane import DepthPlane
-from vctgi.stages.voxelization.triangles import DeviceTriangles
+from vctgi.stages.voxelization.triangles import NO_MASK, DeviceTriangles
 
 
 def opaque_cells(
-    covered: mi.UInt64, columns: Columns, plane: DepthPlane, batch: DeviceTriangles
+    covered: mi.UInt64, columns: Columns, plane: DepthPlane, triangles: DeviceTriangles
 ) -> mi.UInt64:
     """Keep the cells at which an alpha mask stops light, dithered so that their mean is right."""
-    is_opaque = opacity_test(columns, plane, batch)
+    is_opaque = opacity_test(columns, plane, triangles)
+    has_mask = has_masks(columns, triangles)
 
     def body(kept: mi.UInt64, left: mi.UInt64) -> tuple[mi.UInt64, mi.UInt64]:
         cell = mi.UInt32(dr.tzcnt(left))
@@ -27,7 +28,7 @@ def opaque_cells(
         return kept | dr.select(is_opaque(cell), bit, 0), left & ~bit
 
     kept, _ = dr.while_loop(
-        state=(dr.zeros(mi.UInt64, dr.width(covered)), covered),
+        state=(dr.select(has_mask, mi.UInt64(0), covered), dr.select(has_mask, covered, 0)),
         cond=lambda kept, left: left != 0,
         body=body,
         labels=("kept", "left"),
@@ -36,16 +37,22 @@ def opaque_cells(
     return mi.UInt64(kept)
 
 
+def has_masks(columns: Columns, triangles: DeviceTriangles) -> mi.Bool:
+    """Whether the triangle of each column has a mask."""
+    assert triangles.mask is not None, "no triangle has a mask"
+    return dr.gather(mi.UInt32, triangles.mask, columns.view.triangle) != NO_MASK
+
+
 def opacity_test(
-    columns: Columns, plane: DepthPlane, batch: DeviceTriangles
+    columns: Columns, plane: DepthPlane, triangles: DeviceTriangles
 ) -> Callable[[mi.UInt32], mi.Bool]:
-    """Return the function that says whether the mask of `batch` stops light at a cell."""
+    """Return the function that says whether the mask of `triangles` stops light at a cell."""
     view = columns.view
-    assert batch.mask is not None, "only masked surfaces have cells that are not opaque"
-    number = dr.gather(mi.UInt32, batch.mask, view.triangle)
+    assert triangles.mask is not None, "only masked surfaces have cells that are not opaque"
+    number = dr.gather(mi.UInt32, triangles.mask, view.triangle)
     mask = cast("mi.BSDFPtr", dr.reinterpret_array(mi.BSDFPtr, number))
     (u0, u1, u2), (v0, v1, v2) = view.u, view.v
-    corners = [dr.gather(mi.Point2f, corner, view.triangle) for corner in batch.uv]
+    corners = [dr.gather(mi.Point2f, corner, view.triangle) for corner in triangles.uv]
     doubled = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)
     per_doubled = 1.0 / dr.select(doubled == 0.0, 1.0, doubled)
 

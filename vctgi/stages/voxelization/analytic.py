@@ -10,7 +10,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.stages.voxelization.alpha_masks import opacity_test
+from vctgi.stages.voxelization.alpha_masks import has_masks, opacity_test
 from vctgi.stages.voxelization.cells import face_layers, face_word
 from vctgi.stages.voxelization.clipped_area import clipped_area
 from vctgi.stages.voxelization.columns import CELLS_PER_EDGE, Columns, RegionTable
@@ -21,7 +21,9 @@ UNIT = 2.0**32
 """One face in fixed point: a face may be covered 2^31 times over before the sum overflows."""
 
 
-def add_areas(sums: mi.Int64, columns: Columns, table: RegionTable, batch: DeviceTriangles) -> None:
+def add_areas(
+    sums: mi.Int64, columns: Columns, table: RegionTable, triangles: DeviceTriangles
+) -> None:
     """Add the area of triangles to every voxel that they fill, in units of 1 / `UNIT` faces.
 
     Parameters
@@ -32,7 +34,7 @@ def add_areas(sums: mi.Int64, columns: Columns, table: RegionTable, batch: Devic
         Where to look.
     table
         Regions to fill.
-    batch
+    triangles
         The triangles. A mask thins an area by the opaque share of what it covers of the face.
     """
     view = columns.view
@@ -43,7 +45,7 @@ def add_areas(sums: mi.Int64, columns: Columns, table: RegionTable, batch: Devic
     nudge = view.low_depth - dr.minimum(dr.minimum(view.depth[0], view.depth[1]), view.depth[2])
     depth = [corner + nudge for corner in view.depth]
     low_u, low_v = (mi.Float64(face * CELLS_PER_EDGE) for face in (columns.face_u, columns.face_v))
-    opaque_share = _opaque_share(columns, plane, batch)
+    opaque_share = _opaque_share(columns, plane, triangles)
     word = face_word(columns, table)
 
     def body(layer: mi.Int32) -> tuple[mi.Int32]:
@@ -72,12 +74,12 @@ def add_areas(sums: mi.Int64, columns: Columns, table: RegionTable, batch: Devic
     )
 
 
-def _opaque_share(columns: Columns, plane: DepthPlane, batch: DeviceTriangles) -> mi.Float64:
+def _opaque_share(columns: Columns, plane: DepthPlane, triangles: DeviceTriangles) -> mi.Float64:
     """Share of what a triangle covers of a face at which a mask stops light, cell by cell."""
-    if batch.mask is None:
+    if triangles.mask is None:
         return mi.Float64(1.0)
     view = columns.view
-    is_opaque = opacity_test(columns, plane, batch)
+    is_opaque, has_mask = opacity_test(columns, plane, triangles), has_masks(columns, triangles)
     low_u, low_v = (mi.Float64(face * CELLS_PER_EDGE) for face in (columns.face_u, columns.face_v))
     none = dr.zeros(mi.Float64, dr.width(columns.face_u))
 
@@ -93,9 +95,9 @@ def _opaque_share(columns: Columns, plane: DepthPlane, batch: DeviceTriangles) -
 
     _, opaque, total = dr.while_loop(
         state=(dr.zeros(mi.UInt32, dr.width(columns.face_u)), none, mi.Float64(none)),
-        cond=lambda cell, opaque, total: cell < CELLS_PER_EDGE**2,
+        cond=lambda cell, opaque, total: has_mask & (cell < CELLS_PER_EDGE**2),
         body=body,
         labels=("cell", "opaque", "total"),
         label="opaque_share",
     )
-    return opaque / dr.select(total > 0.0, total, 1.0)
+    return dr.select(has_mask, opaque / dr.select(total > 0.0, total, 1.0), 1.0)

@@ -36,7 +36,7 @@ ROW = (1 << CELLS_PER_EDGE) - 1
 
 
 def mark_cells(
-    masks: mi.UInt64, columns: Columns, table: RegionTable, batch: DeviceTriangles
+    masks: mi.UInt64, columns: Columns, table: RegionTable, triangles: DeviceTriangles
 ) -> None:
     """Set the bits of the cells that triangles cover, in every layer of voxels that they fill.
 
@@ -48,14 +48,14 @@ def mark_cells(
         Where to look.
     table
         Regions to fill.
-    batch
+    triangles
         The triangles; their mask thins the coverage.
     """
     view = columns.view
     plane = depth_plane(view, columns)
     covered = covered_cells(view, columns)
-    if batch.mask is not None:
-        covered = opaque_cells(covered, columns, plane, batch)
+    if triangles.mask is not None:
+        covered = opaque_cells(covered, columns, plane, triangles)
     first, last = face_layers(view, table, plane)
     thickness = mi.Float64(view.slot.thickness)
     is_upward = view.slot.behind > 0

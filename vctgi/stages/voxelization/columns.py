@@ -157,7 +157,7 @@ class Columns:
 
 
 def view_along(
-    batch: DeviceTriangles,
+    triangles: DeviceTriangles,
     table: RegionTable,
     rule: SlotRule,
     lanes: tuple[mi.UInt32, mi.UInt32, mi.UInt32],
@@ -167,14 +167,14 @@ def view_along(
     per_voxel = dr.gather(mi.Float64, table.per_voxel, region)
     cells = mi.Float64(CELLS_PER_EDGE * dr.gather(mi.UInt32, table.supersampling, region))
     across = [(axis + 1) % 3, (axis + 2) % 3]
-    stride = dr.opaque(mi.UInt32, batch.count)
+    stride = dr.opaque(mi.UInt32, triangles.count)
 
     def along(which: mi.UInt32) -> list[mi.Float64]:
         index = which * stride + triangle
-        return [dr.gather(mi.Float64, corner, index) * per_voxel for corner in batch.corners]
+        return [dr.gather(mi.Float64, corner, index) * per_voxel for corner in triangles.corners]
 
     depth = along(axis)
-    slot = surface_slot(dr.gather(mi.Float, batch.normal, axis * stride + triangle), rule)
+    slot = surface_slot(dr.gather(mi.Float, triangles.normal, axis * stride + triangle), rule)
     nudge = mi.Float64(slot.behind) * BEHIND_NUDGE
     return FaceView(
         region=region,
@@ -204,13 +204,13 @@ def along_axis(values: mi.Int32, region: mi.UInt32, axis: mi.UInt32) -> mi.Int32
 
 
 def enumerate_columns(
-    batch: DeviceTriangles, table: RegionTable, rule: SlotRule, search: Search = BY_CENTRES
+    triangles: DeviceTriangles, table: RegionTable, rule: SlotRule, search: Search = BY_CENTRES
 ) -> Iterator[Columns]:
     """Yield the columns that the bounds of triangles touch, pass by pass.
 
     Parameters
     ----------
-    batch
+    triangles
         Triangles.
     table
         Regions to fill.
@@ -220,7 +220,7 @@ def enumerate_columns(
         Which of them count.
     """
     reach = rule.reach_voxels + search.margin_voxels
-    candidates = find_candidates(batch, table.regions, reach)
+    candidates = find_candidates(triangles, table.regions, reach)
     pair_count = 0 if candidates is None else dr.width(candidates.triangle)
     for begin in range(0, pair_count, PAIRS_PER_PASS):
         assert candidates is not None, "there are pairs to look at"
@@ -229,7 +229,7 @@ def enumerate_columns(
         start, width = dr.opaque(mi.UInt32, begin), dr.opaque(mi.UInt32, count)
         lanes = _Lanes(candidates, start, width)
         first_u, first_v, count_u, column_count = _bounds(
-            batch, table, rule, lanes.at(dr.arange(mi.UInt32, 3 * count)), search
+            triangles, table, rule, lanes.at(dr.arange(mi.UInt32, 3 * count)), search
         )
         runs = lay_out_runs(column_count)
         if runs is None:
@@ -242,7 +242,7 @@ def enumerate_columns(
             view_lane = owners(runs, first, last)
             number = dr.arange(mi.UInt32, last - first) + dr.opaque(mi.UInt32, first)
             local = number - dr.gather(mi.UInt32, runs.starts, view_lane)
-            view = view_along(batch, table, rule, lanes.at(view_lane))
+            view = view_along(triangles, table, rule, lanes.at(view_lane))
             # The unused lanes of the last SIMD packet gather 0, and the CPU traps a division by it.
             row = dr.maximum(dr.gather(mi.UInt32, count_u, view_lane), 1)
             yield Columns(
@@ -268,14 +268,14 @@ class _Lanes:
 
 
 def _bounds(
-    batch: DeviceTriangles,
+    triangles: DeviceTriangles,
     table: RegionTable,
     rule: SlotRule,
     lanes: tuple[mi.UInt32, mi.UInt32, mi.UInt32],
     search: Search,
 ) -> tuple[mi.Int32, mi.Int32, mi.UInt32, mi.UInt32]:
     """First face along u and v, faces along u, and faces in all, of each triangle's bounds."""
-    view = view_along(batch, table, rule, lanes)
+    view = view_along(triangles, table, rule, lanes)
     _, region, axis = lanes
     factor = mi.Int32(dr.gather(mi.UInt32, table.supersampling, region))
 
@@ -301,17 +301,18 @@ def _bounds(
     high_layer = low_layer + along_axis(table.shape, region, axis) + 2 * search.margin_voxels
     is_met = (far >= mi.Float64(low_layer)) & (near < mi.Float64(high_layer)) & view.slot.is_facing
     if search.is_dominant_only:
-        is_met &= axis == dominant_axis(batch, view.triangle)
+        is_met &= axis == dominant_axis(triangles, view.triangle)
     column_count = dr.select(is_met, mi.UInt32(count_u * count_v), 0)
-    dr.eval(first_u, first_v, count_u, column_count)
+    # Evaluated together with what is counted.
+    dr.schedule(first_u, first_v, count_u, column_count)
     return first_u, first_v, mi.UInt32(count_u), column_count
 
 
-def dominant_axis(batch: DeviceTriangles, triangle: mi.UInt32) -> mi.UInt32:
+def dominant_axis(triangles: DeviceTriangles, triangle: mi.UInt32) -> mi.UInt32:
     """Axis along which each triangle has its largest projection; the first of equals."""
-    stride = dr.opaque(mi.UInt32, batch.count)
+    stride = dr.opaque(mi.UInt32, triangles.count)
     x, y, z = (
-        dr.abs(dr.gather(mi.Float, batch.normal, axis * stride + triangle)) for axis in range(3)
+        dr.abs(dr.gather(mi.Float, triangles.normal, axis * stride + triangle)) for axis in range(3)
     )
     first = dr.select(y > x, mi.UInt32(1), mi.UInt32(0))
     return dr.select(z > dr.maximum(x, y), mi.UInt32(2), first)

@@ -1,9 +1,9 @@
-"""Opacity of every clip level by voxelizing all surfaces at that level's own resolution.
+"""Opacity of every clip level by voxelizing surfaces at that level's own resolution.
 
 The opacity of a voxel along a direction is the covered share of its face across that direction by
 surfaces that a ray travelling so meets from their front. One code path fills any box of any level,
-so an update of what became stale equals a rebuild. The mips behind the coarsest level are left at
-zero; downsampling fills them, and replaces what a finer window covers.
+so an update of what became stale equals a rebuild. What a finer window covers, and the mips behind
+the coarsest level, are left at zero; downsampling fills them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import mitsuba as mi
 
 from vctgi.clipmap.addressing import texel_from_voxel, voxel_of_place
 from vctgi.clipmap.levels import ClipmapLayout
-from vctgi.clipmap.regions import Region, count_voxels, window_region
+from vctgi.clipmap.regions import Region, count_voxels, own_regions, window_region
 from vctgi.clipmap.slots import SlotRule
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.directions import DIRECTION_COUNT
@@ -42,7 +42,7 @@ Coverage = Literal["cells", "samples", "analytic"]
 WORDS_PER_PASS = 1 << 27
 """64-bit words of coverage that are held at a time (1 GiB); more is done in several passes."""
 
-TEXELS_AT_ONCE = 1 << 16
+TEXELS_AT_ONCE = 1 << 13
 """Voxels of boxes above which their addresses are worth a launch of their own."""
 
 MAX_SUPERSAMPLING = 8
@@ -63,6 +63,9 @@ class OpacityVoxelizationConfig:
     """Whether a surface also stops rays that meet it from behind."""
     slots: SlotRule = field(default_factory=SlotRule)
     """How thick surfaces are made."""
+    is_complete: bool = False
+    """Whether levels are also voxelized where a finer window covers them, for comparison: rendering
+    takes the downsampled voxels there."""
 
     def __post_init__(self) -> None:
         """Refuse what is not offered."""
@@ -127,13 +130,15 @@ def voxelize_opacity(
 
 
 def voxelize_triangles(
-    triangles: list[DeviceTriangles],
+    triangles: DeviceTriangles,
     layout: ClipmapLayout,
     config: OpacityVoxelizationConfig = DEFAULT_CONFIG,
 ) -> OpacityClipmap:
     """Voxelize surfaces that are on the device already, as `voxelize_opacity` does."""
     levels = [dr.zeros(mi.Float, DIRECTION_COUNT * level.voxel_count) for level in layout.levels]
-    regions = [window_region(level) for level in layout.clip_levels]
+    regions = [box for level in layout.clip_levels for box in own_regions(layout, level)]
+    if config.is_complete:
+        regions = [window_region(level) for level in layout.clip_levels]
     fill_regions(
         levels, triangles, occupied_regions(triangles, regions, config.reach_voxels), config
     )
@@ -142,7 +147,7 @@ def voxelize_triangles(
 
 def fill_regions(
     levels: list[mi.Float],
-    triangles: list[DeviceTriangles],
+    triangles: DeviceTriangles,
     regions: Sequence[Region],
     config: OpacityVoxelizationConfig,
 ) -> None:
@@ -172,27 +177,37 @@ def fill_regions(
 
 
 def _cover(
-    triangles: list[DeviceTriangles], table: RegionTable, config: OpacityVoxelizationConfig
+    triangles: DeviceTriangles, table: RegionTable, config: OpacityVoxelizationConfig
 ) -> mi.UInt64 | mi.Int64:
     """Covered cells, or areas in fixed point, of all faces of a table."""
     if config.coverage == "analytic":
         sums = dr.zeros(mi.Int64, table.word_count)
-        for batch in triangles:
-            for columns in enumerate_columns(batch, table, config.slots, Search(has_rim=True)):
-                add_areas(sums, columns, table, batch)
-                dr.eval(sums)
+        for columns in enumerate_columns(triangles, table, config.slots, Search(has_rim=True)):
+            add_areas(sums, columns, table, triangles)
+            dr.eval(sums)
         return sums
     masks = dr.zeros(mi.UInt64, table.word_count)
     is_sampled = config.coverage == "samples"
     search = sample_search(config.slots) if is_sampled else BY_CENTRES
-    for batch in triangles:
-        for columns in enumerate_columns(batch, table, config.slots, search):
-            if is_sampled:
-                mark_samples(masks, columns, table, config.slots, batch)
-            else:
-                mark_cells(masks, columns, table, batch)
-            dr.eval(masks)
+    for columns in enumerate_columns(triangles, table, config.slots, search):
+        if is_sampled:
+            mark_samples(masks, columns, table, config.slots, triangles)
+        else:
+            mark_cells(masks, columns, table, triangles)
+        dr.eval(masks)
     return masks
+
+
+def clear_regions(levels: list[mi.Float], regions: Sequence[Region]) -> None:
+    """Set the opacity of boxes of voxels to zero; `levels` are changed in place."""
+    for level, boxes in groupby(regions, key=lambda region: region.level):
+        held = list(boxes)
+        count = dr.opaque(mi.UInt32, count_voxels(held))
+        lane = dr.arange(mi.UInt32, DIRECTION_COUNT * count_voxels(held))
+        texel = texel_from_voxel(voxel_of_place(lane % count, held), level.resolution)
+        target = texel + lane // count * level.voxel_count
+        dr.scatter(levels[level.level], mi.Float(0.0), target)
+    dr.eval([levels[region.level.level] for region in regions])
 
 
 def _passes(regions: Sequence[Region], config: OpacityVoxelizationConfig) -> Iterator[list[Region]]:

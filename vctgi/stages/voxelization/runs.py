@@ -51,5 +51,5 @@ def owners(runs: Runs, begin: int, end: int) -> mi.UInt32:
         runs.starts < after,
         dr.ReduceMode.Direct,
     )
-    dr.schedule(runs.starts)
+    dr.eval(runs.starts, is_new)
     return dr.cumsum(is_new) - 1

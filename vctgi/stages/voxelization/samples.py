@@ -116,7 +116,7 @@ def mark_samples(
     columns: Columns,
     table: RegionTable,
     rule: SlotRule,
-    batch: DeviceTriangles,
+    triangles: DeviceTriangles,
 ) -> None:
     """Set the bits of the blocks of covered samples, along all three axes.
 
@@ -131,28 +131,28 @@ def mark_samples(
         Regions to fill.
     rule
         How thick surfaces are made.
-    batch
+    triangles
         The triangles; their mask thins the coverage.
 
     References
     ----------
     [Panteleev2014], slides "Voxelization for opacity"; the pattern is that of [Direct3D11].
     """
-    faces = sample_faces(columns, table, batch)
+    faces = sample_faces(columns, table, triangles)
     _mark_dominant(masks, faces, table)
     view = columns.view
     for turn in (1, 2):
         lanes = (view.triangle, view.region, (view.axis + turn) % 3)
-        _mark_side(masks, faces, table, view_along(batch, table, rule, lanes), turn)
+        _mark_side(masks, faces, table, view_along(triangles, table, rule, lanes), turn)
 
 
-def sample_faces(columns: Columns, table: RegionTable, batch: DeviceTriangles) -> SampledFaces:
+def sample_faces(columns: Columns, table: RegionTable, triangles: DeviceTriangles) -> SampledFaces:
     """Test the samples of faces, and move them to the centres of their blocks."""
     view = columns.view
     plane = depth_plane(view, columns)
     covered = covered_cells(view, columns) & sum(1 << _bit(u, v) for u, v in SAMPLE_CELLS)
-    if batch.mask is not None:
-        covered = opaque_cells(covered, columns, plane, batch)
+    if triangles.mask is not None:
+        covered = opaque_cells(covered, columns, plane, triangles)
     factor = dr.gather(mi.UInt32, table.supersampling, view.region)
     cells = mi.Float64(factor * CELLS_PER_EDGE)
     # Along a dominant axis slopes are at most one; those of needles round to anything.

@@ -14,6 +14,10 @@ FLAT_NORMAL = 1e-6
 """Normal components below this are the rounding of single-precision vertices."""
 
 
+NO_MASK = 0
+"""Number of no BSDF."""
+
+
 @dataclass
 class DeviceTriangles:
     """Triangles to voxelize.
@@ -22,6 +26,8 @@ class DeviceTriangles:
     ----------
     corners
         For each of three corners the flat world coordinates [axis, triangle].
+    low, high
+        Flat bounds [axis, triangle], rounded outwards to single precision.
     normal
         Flat unit geometric normals [axis, triangle]; exactly 0 where a component is rounding.
     uv
@@ -30,42 +36,45 @@ class DeviceTriangles:
         Number of triangles.
     mask
         For each triangle the BSDF whose null transmission thins its coverage, as a number of
-        Dr.Jit's registry; None for opaque triangles.
+        Dr.Jit's registry, or `NO_MASK`; None if all triangles are opaque.
     """
 
     corners: list[mi.Float64]
+    low: mi.Float
+    high: mi.Float
     normal: mi.Float
     uv: list[mi.Point2f]
     count: int
     mask: mi.UInt32 | None
 
 
-def upload_triangles(surfaces: VoxelSurfaces) -> list[DeviceTriangles]:
-    """Copy surfaces to the device, one batch for the opaque ones and one for those with masks."""
-    batches = []
-    numbers = np.array([registry_number(mask) for mask in surfaces.masks], dtype=np.uint32)
-    for has_mask in (False, True):
-        chosen = np.flatnonzero((surfaces.mask_index >= 0) == has_mask)
-        if len(chosen) == 0:
-            continue
-        vertices = surfaces.vertices[chosen]
-        normal = unit_normals(vertices)
-        batches.append(
-            DeviceTriangles(
-                corners=[
-                    mi.Float64(np.ascontiguousarray(vertices[:, corner].T).ravel())
-                    for corner in range(3)
-                ],
-                normal=mi.Float(np.ascontiguousarray(normal.T.astype(np.float32)).ravel()),
-                uv=[
-                    mi.Point2f(np.ascontiguousarray(surfaces.uv[chosen, c].T.astype(np.float32)))
-                    for c in range(3)
-                ],
-                count=len(chosen),
-                mask=mi.UInt32(numbers[surfaces.mask_index[chosen]]) if has_mask else None,
-            )
-        )
-    return batches
+def upload_triangles(surfaces: VoxelSurfaces) -> DeviceTriangles:
+    """Copy surfaces to the device."""
+    vertices, has_masks = surfaces.vertices, bool(surfaces.masks)
+    # The last number belongs to no mask, whose index is -1.
+    numbers = np.array([*map(registry_number, surfaces.masks), NO_MASK], dtype=np.uint32)
+    return DeviceTriangles(
+        corners=[
+            mi.Float64(np.ascontiguousarray(vertices[:, corner].T).ravel()) for corner in range(3)
+        ],
+        low=mi.Float(_rounded(vertices.min(axis=1), -np.inf)),
+        high=mi.Float(_rounded(vertices.max(axis=1), np.inf)),
+        normal=mi.Float(np.ascontiguousarray(unit_normals(vertices).T.astype(np.float32)).ravel()),
+        uv=[
+            mi.Point2f(np.ascontiguousarray(surfaces.uv[:, corner].T.astype(np.float32)))
+            for corner in range(3)
+        ],
+        count=len(vertices),
+        mask=mi.UInt32(numbers[surfaces.mask_index]) if has_masks else None,
+    )
+
+
+def _rounded(points: np.ndarray, towards: float) -> np.ndarray:
+    """Return points [triangle, axis] flat as [axis, triangle], in single precision."""
+    single = points.T.astype(np.float32)
+    # One step further than the nearest number, which may lie on the wrong side.
+    outward: np.ndarray = np.nextafter(single, np.float32(towards)).ravel()
+    return outward
 
 
 def unit_normals(vertices: np.ndarray) -> np.ndarray:

@@ -12,12 +12,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from vctgi.clipmap.levels import ClipmapLayout
-from vctgi.clipmap.regions import Bounds, Region, same_levels, stale_regions
+from vctgi.clipmap.regions import (
+    Bounds,
+    Region,
+    newly_covered_regions,
+    same_levels,
+    stale_regions,
+)
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.scene.surfaces import VoxelSurfaces
 from vctgi.stages.voxelization.opacity import (
     DEFAULT_CONFIG,
     OpacityVoxelizationConfig,
+    clear_regions,
     fill_regions,
 )
 from vctgi.stages.voxelization.triangles import DeviceTriangles
@@ -25,7 +32,7 @@ from vctgi.stages.voxelization.triangles import DeviceTriangles
 
 def update_opacity(
     opacity: OpacityClipmap,
-    triangles: list[DeviceTriangles],
+    triangles: DeviceTriangles,
     layout: ClipmapLayout,
     changed: Sequence[Bounds] = (),
     config: OpacityVoxelizationConfig = DEFAULT_CONFIG,
@@ -65,7 +72,12 @@ def update_opacity(
             "update_opacity: surfaces were made of another thickness before; "
             "voxelize anew with voxelize_opacity."
         )
+    if config.is_complete:
+        raise ValueError(
+            "update_opacity: is_complete is for comparisons of single frames; leave it out."
+        )
     stale = stale_regions(opacity.layout, layout, changed, config.reach_voxels)
+    clear_regions(opacity.levels, newly_covered_regions(opacity.layout, layout))
     fill_regions(opacity.levels, triangles, [box for boxes in stale for box in boxes], config)
     return OpacityClipmap(layout, opacity.levels, opacity.rule), stale
 

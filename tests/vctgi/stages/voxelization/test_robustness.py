@@ -205,7 +205,7 @@ def test_a_picture_as_mask_covers_its_mean(method: Coverage) -> None:
 
 
 def test_two_sided_opacity_fills_both_slots_alike(method: Coverage) -> None:
-    config = OpacityVoxelizationConfig(coverage=method, is_two_sided=True)
+    config = OpacityVoxelizationConfig(coverage=method, is_two_sided=True, is_complete=True)
     table = tables(voxelize_opacity(opaque_surfaces(soup(20)), window(), config))[0]
     assert table.any()
     np.testing.assert_array_equal(table[::2], table[1::2])

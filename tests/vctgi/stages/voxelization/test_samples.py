@@ -46,6 +46,7 @@ def config(
     thickness: float = 0.0, supersampling: int = 1, sloped_below: float = 0.9
 ) -> OpacityVoxelizationConfig:
     return OpacityVoxelizationConfig(
+        is_complete=True,
         coverage="samples",
         max_supersampling=supersampling,
         slots=SlotRule(thickness_voxels=thickness, sloped_below=sloped_below),
@@ -210,7 +211,7 @@ def test_errors_against_the_area_are_as_stated() -> None:
 
 
 def filled(
-    triangles: list[DeviceTriangles],
+    triangles: DeviceTriangles,
     place: ClipmapLayout,
     boxes: list[Region],
     chosen: OpacityVoxelizationConfig,

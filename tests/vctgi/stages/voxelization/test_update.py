@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
-from vctgi.clipmap.regions import Bounds, stale_regions, unmerged_regions, window_region
+from vctgi.clipmap.regions import Bounds, own_regions, stale_regions, unmerged_regions
 from vctgi.clipmap.slots import SlotRule
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
 from vctgi.scene.records import ReflectiveShadowMap
@@ -134,14 +134,11 @@ def walk(seed: int, steps: Steps, config: OpacityVoxelizationConfig) -> None:
         changed = changed_bounds(before[0], surfaces)
         direct, _ = update_opacity(direct, upload_triangles(surfaces), layout, changed, config)
         dark = stale_regions(before[1], layout, changed + relit, config.reach_voxels)
-        emittance = EmittanceClipmap(
-            layout, emittance.levels, emittance.lost_flux_share, emittance.steps_per_unit
-        )
         had = list(emittance.steps_per_unit)
         maps = lit_points(world.parts, world.flux)
         emittance = update_emittance(emittance, maps, direct, dark)
         if emittance.steps_per_unit != had:
-            dark = [[window_region(level)] for level in layout.clip_levels]
+            dark = [own_regions(layout, level) for level in layout.clip_levels]
             dark += [[] for _ in layout.levels[layout.clip_level_count :]]
         merged = OpacityClipmap(layout, merged.levels, merged.rule)
         lit = EmittanceClipmap(layout, lit.levels, emittance.lost_flux_share)
