@@ -42,7 +42,7 @@ Coverage = Literal["cells", "samples", "analytic"]
 WORDS_PER_PASS = 1 << 27
 """64-bit words of coverage that are held at a time (1 GiB); more is done in several passes."""
 
-TEXELS_AT_ONCE = 1 << 13
+TEXELS_AT_ONCE = 1 << 16
 """Voxels of boxes above which their addresses are worth a launch of their own."""
 
 MAX_SUPERSAMPLING = 8
@@ -150,6 +150,7 @@ def fill_regions(
     triangles: DeviceTriangles,
     regions: Sequence[Region],
     config: OpacityVoxelizationConfig,
+    cleared: Sequence[Region] = (),
 ) -> None:
     """Overwrite the opacity of boxes of voxels.
 
@@ -163,6 +164,8 @@ def fill_regions(
         Boxes to fill; what lies outside is left as it is.
     config
         Sampling and thickness.
+    cleared
+        Boxes of levels among those of `regions` to set to zero.
     """
     for group in _passes(regions, config):
         table = region_table(group, config.supersampling)
@@ -170,8 +173,9 @@ def fill_regions(
         offset = 0
         for level, boxes in groupby(group, key=lambda region: region.level):
             held = list(boxes)
-            _write(levels[level.level], words, held, offset, config)
             voxel_count = count_voxels(held)
+            empty = [box for box in cleared if box.level == level]
+            _write(levels[level.level], words, held, empty, offset, config)
             offset += DIRECTION_COUNT * config.supersampling(level.level) ** 2 * voxel_count
         dr.eval([levels[region.level.level] for region in group])
 
@@ -198,18 +202,6 @@ def _cover(
     return masks
 
 
-def clear_regions(levels: list[mi.Float], regions: Sequence[Region]) -> None:
-    """Set the opacity of boxes of voxels to zero; `levels` are changed in place."""
-    for level, boxes in groupby(regions, key=lambda region: region.level):
-        held = list(boxes)
-        count = dr.opaque(mi.UInt32, count_voxels(held))
-        lane = dr.arange(mi.UInt32, DIRECTION_COUNT * count_voxels(held))
-        texel = texel_from_voxel(voxel_of_place(lane % count, held), level.resolution)
-        target = texel + lane // count * level.voxel_count
-        dr.scatter(levels[level.level], mi.Float(0.0), target)
-    dr.eval([levels[region.level.level] for region in regions])
-
-
 def _passes(regions: Sequence[Region], config: OpacityVoxelizationConfig) -> Iterator[list[Region]]:
     """Split and group boxes, level by level, so that each group fits the memory of a pass."""
     group: list[Region] = []
@@ -229,37 +221,40 @@ def _passes(regions: Sequence[Region], config: OpacityVoxelizationConfig) -> Ite
 def _write(
     opacity: mi.Float,
     words: mi.UInt64 | mi.Int64,
-    boxes: Sequence[Region],
+    boxes: list[Region],
+    empty: list[Region],
     offset: int,
     config: OpacityVoxelizationConfig,
 ) -> None:
-    """Turn the coverage of the boxes of a level into opacity at its texels."""
+    """Turn the coverage of the boxes of a level into opacity at its texels, and clear others."""
     level = boxes[0].level
-    factor, voxel_count = config.supersampling(level.level), count_voxels(boxes)
+    factor, voxel_count = config.supersampling(level.level), count_voxels(boxes + empty)
     # What differs from frame to frame is opaque, so that a moved camera compiles nothing.
-    count, base = dr.opaque(mi.UInt32, voxel_count), dr.opaque(mi.UInt32, offset)
+    written, base = dr.opaque(mi.UInt32, voxel_count), dr.opaque(mi.UInt32, offset)
+    count = dr.opaque(mi.UInt32, count_voxels(boxes))
     lane = dr.arange(mi.UInt32, DIRECTION_COUNT * voxel_count)
-    slot, place = lane // count, lane % count
+    slot, place = lane // written, lane % written
+    is_covered = place < count
     if voxel_count < TEXELS_AT_ONCE:
-        texel = texel_from_voxel(voxel_of_place(place, boxes), level.resolution)
+        texel = texel_from_voxel(voxel_of_place(place, boxes + empty), level.resolution)
     else:
-        every = voxel_of_place(dr.arange(mi.UInt32, voxel_count), boxes)
+        every = voxel_of_place(dr.arange(mi.UInt32, voxel_count), boxes + empty)
         texel = dr.gather(mi.UInt32, texel_from_voxel(every, level.resolution), place)
 
     def word(slot: mi.UInt32, sub_face: int) -> mi.UInt32:
         return base + (slot * factor**2 + sub_face) * count + place
 
     if isinstance(words, mi.Int64):
-        areas = dr.gather(mi.Int64, words, word(slot, 0))
+        areas = dr.gather(mi.Int64, words, word(slot, 0), is_covered)
         if config.is_two_sided:
-            areas += dr.gather(mi.Int64, words, word(slot ^ 1, 0))
+            areas += dr.gather(mi.Int64, words, word(slot ^ 1, 0), is_covered)
         share = dr.minimum(mi.Float(mi.Float64(areas) / UNIT), 1.0)
     else:
         covered = mi.UInt32(0)
         for sub_face in range(factor**2):
-            bits = dr.gather(mi.UInt64, words, word(slot, sub_face))
+            bits = dr.gather(mi.UInt64, words, word(slot, sub_face), is_covered)
             if config.is_two_sided:
-                bits |= dr.gather(mi.UInt64, words, word(slot ^ 1, sub_face))
+                bits |= dr.gather(mi.UInt64, words, word(slot ^ 1, sub_face), is_covered)
             covered += mi.UInt32(dr.popcnt(bits))
         share = mi.Float(covered) * (1.0 / (factor * CELLS_PER_EDGE) ** 2)
     dr.scatter(opacity, share, texel + slot * level.voxel_count)

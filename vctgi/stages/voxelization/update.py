@@ -24,7 +24,6 @@ from vctgi.scene.surfaces import VoxelSurfaces
 from vctgi.stages.voxelization.opacity import (
     DEFAULT_CONFIG,
     OpacityVoxelizationConfig,
-    clear_regions,
     fill_regions,
 )
 from vctgi.stages.voxelization.triangles import DeviceTriangles
@@ -77,8 +76,10 @@ def update_opacity(
             "update_opacity: is_complete is for comparisons of single frames; leave it out."
         )
     stale = stale_regions(opacity.layout, layout, changed, config.reach_voxels)
-    clear_regions(opacity.levels, newly_covered_regions(opacity.layout, layout))
-    fill_regions(opacity.levels, triangles, [box for boxes in stale for box in boxes], config)
+    boxes = [box for boxes in stale for box in boxes]
+    # A window that covers new voxels uncovers others, so every level that is cleared is filled too.
+    cleared = newly_covered_regions(opacity.layout, layout)
+    fill_regions(opacity.levels, triangles, boxes, config, cleared)
     return OpacityClipmap(layout, opacity.levels, opacity.rule), stale
 
 
