@@ -41,9 +41,6 @@ LARGEST_SHARE = {dr.JitBackend.LLVM: UPDATE_SHARE, dr.JitBackend.CUDA: None}
 """A GPU has a goal alone: there an update is a dozen launches of some microseconds each, whatever
 they do, so its limit is a tenth of the longest time that a rebuild may take."""
 
-MOVED_SHARE = 0.01
-"""Of the triangles, that an object has which moves."""
-
 
 @dataclass(frozen=True)
 class Timing:
@@ -231,13 +228,9 @@ def _follow(
 
 
 def _move_some(scene: SpeedScene) -> VoxelSurfaces:
-    """Move the hundredth of the triangles that is nearest to the centre, as one object."""
-    middle = scene.surfaces.vertices.mean(axis=1)
-    distance = np.linalg.norm(middle - np.array(scene.layout.centre), axis=1)
-    count = int(MOVED_SHARE * len(middle))
-    chosen = np.argsort(distance)[:count]
+    """Move the object by three finest voxels."""
     vertices = scene.surfaces.vertices.copy()
-    vertices[chosen] += 3.0 * scene.layout.finest_voxel_size * scene.direction
+    vertices[scene.moving] += 3.0 * scene.layout.finest_voxel_size * scene.direction
     return replace(scene.surfaces, vertices=vertices)
 
 

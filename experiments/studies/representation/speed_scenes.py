@@ -24,17 +24,36 @@ SHEET_COUNT = 8
 EXTENT = 8.0
 """Edge of the sheets, world units."""
 
+BALL_RADIUS = 0.2
+"""World units."""
+
+MOVED_SHARE = 0.01
+"""Of the triangles, that the object has which moves."""
+
 NEAR_SHARE = 0.25
 """Share of the sheets' extent that the finest window holds."""
 
 
 @dataclass(frozen=True)
 class SpeedScene:
-    """Surfaces, where the windows stand, and a unit direction in which things move."""
+    """What is measured.
+
+    Attributes
+    ----------
+    surfaces
+        Triangles.
+    layout
+        Where the windows stand at first.
+    direction
+        Unit direction in which camera and object move.
+    moving
+        Numbers of the triangles of the object that moves.
+    """
 
     surfaces: VoxelSurfaces
     layout: ClipmapLayout
     direction: np.ndarray
+    moving: np.ndarray
 
 
 def speed_scene(context: StudyContext) -> SpeedScene:
@@ -46,11 +65,15 @@ def speed_scene(context: StudyContext) -> SpeedScene:
     clipmap = ClipmapConfig(resolution=RESOLUTION, level_count=LEVEL_COUNT)
     prepared = vctgi.prepare_scene(loaded.scene, sensor, RenderConfig(clipmap=clipmap))
     _, forward = viewer(sensor)
-    return SpeedScene(prepared.surfaces, prepared.plan.layout, forward)
+    layout = prepared.plan.layout
+    middle = prepared.surfaces.vertices.mean(axis=1)
+    distance = np.linalg.norm(middle - np.array(layout.centre), axis=1)
+    nearest = np.argsort(distance)[: int(MOVED_SHARE * len(middle))]
+    return SpeedScene(prepared.surfaces, layout, forward, nearest)
 
 
 def sheets(triangle_count: int, resolution: int = RESOLUTION) -> SpeedScene:
-    """Return wavy sheets of about so many triangles, and windows in their middle."""
+    """Return wavy sheets of about so many triangles around a ball that has a hundredth of them."""
     edge = max(1, round((triangle_count / (2 * SHEET_COUNT)) ** 0.5))
     step = np.linspace(-0.5 * EXTENT, 0.5 * EXTENT, edge + 1)
     x, y = (each.ravel() for each in np.meshgrid(step, step))
@@ -68,9 +91,28 @@ def sheets(triangle_count: int, resolution: int = RESOLUTION) -> SpeedScene:
         resolution=resolution,
     )
     direction = np.array([2.0, 1.0, 0.5])
+    ball = _ball(max(4, round((MOVED_SHARE * triangle_count / 4) ** 0.5)))
+    moving = np.arange(len(ball))
     return SpeedScene(
-        opaque_surfaces(np.concatenate(parts)), layout, direction / np.linalg.norm(direction)
+        opaque_surfaces(np.concatenate([ball, *parts])),
+        layout,
+        direction / np.linalg.norm(direction),
+        moving,
     )
+
+
+def _ball(edge: int) -> np.ndarray:
+    """Triangles [triangle, corner, 3] of a ball of `edge` rings and twice as many segments."""
+    turn, tilt = np.meshgrid(
+        np.linspace(0.0, 2.0 * np.pi, 2 * edge + 1), np.linspace(0.01, np.pi - 0.01, edge + 1)
+    )
+    points = np.stack(
+        [np.cos(turn) * np.sin(tilt), np.sin(turn) * np.sin(tilt), np.cos(tilt)], axis=-1
+    )
+    corners = BALL_RADIUS * points
+    lower = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1]], axis=2)
+    upper = np.stack([corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]], axis=2)
+    return np.concatenate([lower.reshape(-1, 3, 3), upper.reshape(-1, 3, 3)])
 
 
 def _grid_faces(edge: int) -> np.ndarray:
