@@ -11,6 +11,7 @@ Start reading at `maps.py`.
 from vctgi.stages.reflective_shadow_map.config import (
     ReflectiveShadowMapConfig as ReflectiveShadowMapConfig,
 )
+from vctgi.stages.reflective_shadow_map.distant import survey_distant as survey_distant
 from vctgi.stages.reflective_shadow_map.lamps import survey_lamps as survey_lamps
 from vctgi.stages.reflective_shadow_map.landing import hemispherical_albedo as hemispherical_albedo
 from vctgi.stages.reflective_shadow_map.maps import (

@@ -18,7 +18,7 @@ import numpy as np
 
 from vctgi.clipmap.levels import LevelLayout
 from vctgi.maths.directions import kronecker_points, kronecker_points_4d, random_unit
-from vctgi.maths.stub_gaps import as_mask
+from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.lights import Light
 from vctgi.stages.reflective_shadow_map.landing import is_near
 
@@ -28,9 +28,12 @@ PILOT_RAYS_PER_CELL = 4
 MOST_CELLS_PER_AXIS = {2: 256, 4: 16}
 """Cells along each coordinate, where there are two (one direction) and where there are four."""
 
-OWN_SHARE = 0.5
+OWN_SHARE = 0.25
 """How much a cell's texels follow its own pilot; the rest follows its neighbours along each axis,
 so that light the pilot missed at the edge of an opening is still found."""
+
+SURVEY_RAYS = 256
+"""Directions by which the power of a distant light is judged."""
 
 LEAST_LANDING_SHARE = 0.25
 """A map sends out at most this number's inverse of rays for each texel that it is meant to have."""
@@ -63,6 +66,14 @@ def distant_rays(
     return cells.rays(_deal(through, ray_count, cells.axis_count))
 
 
+def survey_distant(light: Light) -> float:
+    """Return the estimated irradiance of a distant light, W m^-2, summed over all directions."""
+    number = dr.arange(mi.UInt32, SURVEY_RAYS)
+    it = dr.zeros(mi.SurfaceInteraction3f, SURVEY_RAYS)
+    _, irradiance = light.emitter.sample_direction(it, kronecker_points(number))
+    return float(np.mean(np.array(mi.Color3f(irradiance), dtype=np.float64)))
+
+
 def _deal(through: np.ndarray, texel_count: int, axis_count: int) -> np.ndarray:
     """Texels of each cell, at least one, from the power [cell, ray] that the pilot got through."""
     cell_count = len(through)
@@ -70,9 +81,9 @@ def _deal(through: np.ndarray, texel_count: int, axis_count: int) -> np.ndarray:
     weight = np.sqrt(np.mean(through**2, axis=1))
     per_axis = round(cell_count ** (1.0 / axis_count))
     grid = weight.reshape((per_axis,) * axis_count)
-    spread = sum(
-        np.roll(grid, shift, axis) for axis in range(axis_count) for shift in (-1, 1)
-    ) / (2 * axis_count)
+    spread = sum(np.roll(grid, shift, axis) for axis in range(axis_count) for shift in (-1, 1)) / (
+        2 * axis_count
+    )
     weight = (OWN_SHARE * grid + (1.0 - OWN_SHARE) * spread).ravel()
     if weight.sum() == 0.0:
         weight = np.ones(cell_count)
@@ -111,7 +122,7 @@ class _Cells:
         lane = dr.arange(mi.UInt32, texel_count)
         inside = kronecker_points(lane) if self.axis_count == 2 else kronecker_points_4d(lane)
         ray, flux = self._at(mi.UInt32(cell), [mi.Float(each) for each in inside])
-        return ray, flux * mi.Float(share)
+        return ray, flux * as_component(mi.Float(share))
 
     def _at(self, cell: mi.UInt32, inside: list[mi.Float]) -> tuple[mi.Ray3f, mi.Color3f]:
         """Rays at places inside cells, and the power that all light had if it were like each."""
@@ -131,11 +142,13 @@ class _Cells:
         sample, irradiance = self.light.emitter.sample_direction(it, towards)
         # Light falls from the sampled point on the distant sphere towards the window.
         d = sample.d
-        disc = mi.warp.square_to_uniform_disk_concentric(on_disc) * dr.opaque(mi.Float, radius)
+        disc = mi.warp.square_to_uniform_disk_concentric(on_disc) * as_component(
+            dr.opaque(mi.Float, radius)
+        )
         frame = mi.Frame3f(d)
         origin = it.p + frame.s * disc.x + frame.t * disc.y + d * dr.opaque(mi.Float, outside)
         area = dr.opaque(mi.Float, math.pi * radius**2)
-        return mi.Ray3f(origin, -d), mi.Color3f(irradiance) * area
+        return mi.Ray3f(origin, -d), mi.Color3f(irradiance) * as_component(area)
 
 
 def _aim(scene: mi.Scene, level: LevelLayout) -> tuple[list[float], float, float]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
 import drjit as dr
 import mitsuba as mi
@@ -60,7 +61,8 @@ def lamp_rays(
     texel = dr.arange(mi.UInt32, int(ends[-1])) - dr.gather(mi.UInt32, first, which)
 
     numbers = mi.UInt32(np.array([_registry_number(light) for light in lights], dtype=np.uint32))
-    emitter = dr.reinterpret_array(mi.EmitterPtr, dr.gather(mi.UInt32, numbers, which))
+    number = dr.gather(mi.UInt32, numbers, which)
+    emitter = cast("mi.EmitterPtr", dr.reinterpret_array(mi.EmitterPtr, number))
     edges = mi.UInt32(np.sqrt(counts).round().astype(np.uint32))
     edge = dr.maximum(dr.gather(mi.UInt32, edges, which), 1)
     kinds = [_bits(light) for light in lights]
@@ -68,7 +70,7 @@ def lamp_rays(
 
     # The grid goes to the domain that the light really has: directions of a point, positions of a
     # lamp that shines one way. An area light has both: four coordinates, evenly in all of them.
-    grid = (mi.Point2f(texel % edge, texel // edge) + 0.5) / mi.Float(edge)
+    grid = (mi.Point2f(texel % edge, texel // edge) + 0.5) / as_component(mi.Float(edge))
     spread = kronecker_points_4d(texel)
     both = [mi.Point2f(spread[0], spread[1]), mi.Point2f(spread[2], spread[3])]
     position = dr.select((kind & ONE_DIRECTION) != 0, grid, both[0])

@@ -51,7 +51,7 @@ def land(
     found = scene.ray_intersect_preliminary(ray, as_mask(True), is_lit)
     is_kept = found.is_valid() & is_lit
     if level is not None:
-        is_kept &= is_near(mi.Point3f(ray(found.t)), level)
+        is_kept &= as_mask(is_near(mi.Point3f(ray(found.t)), level))
     dr.eval(found, ray, flux, is_kept)
     hit = mi.UInt32(dr.compress(is_kept))
     if dr.width(hit) == 0:

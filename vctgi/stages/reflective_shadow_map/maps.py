@@ -11,6 +11,7 @@ import numpy as np
 
 from vctgi.clipmap.levels import ClipmapLayout
 from vctgi.errors import SceneError
+from vctgi.maths.stub_gaps import as_component
 from vctgi.scene.lights import Light
 from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.stages.reflective_shadow_map.config import ReflectiveShadowMapConfig
@@ -101,7 +102,8 @@ def _light_by_lamps(
     config, full, most = limits
     counts = deal_texels(scene, chosen, layout, config.texels_per_face, (full, most))
     ray, weight, which, texel = lamp_rays(scene, chosen, counts)
-    flux = weight / mi.Float(dr.gather(mi.UInt32, mi.UInt32(counts.astype(np.uint32)), which))
+    texel_count = dr.gather(mi.UInt32, mi.UInt32(counts.astype(np.uint32)), which)
+    flux = weight / as_component(mi.Float(texel_count))
     owner = dr.gather(mi.UInt32, mi.UInt32(np.array(lamps, dtype=np.uint32)), which)
     require_power(flux, owner, lights)
     landed = land(scene, ray, flux, None, texel)
@@ -123,7 +125,7 @@ def require_power(flux: mi.Color3f, owner: mi.UInt32, lights: list[Light]) -> No
     is_power = dr.all((flux >= 0.0) & dr.isfinite(flux))
     if bool(dr.all(is_power)):
         return
-    first = int(np.min(np.array(dr.gather(mi.UInt32, owner, dr.compress(~is_power)))))
+    first = int(np.min(np.array(dr.gather(mi.UInt32, owner, mi.UInt32(dr.compress(~is_power))))))
     raise SceneError(
         "its power is negative, infinite or NaN",
         f"emitter '{lights[first].name}'",
