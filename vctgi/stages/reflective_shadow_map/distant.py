@@ -136,19 +136,17 @@ class _Cells:
 
     def _rays(self, on_disc: mi.Point2f, towards: mi.Point2f) -> tuple[mi.Ray3f, mi.Color3f]:
         """Rays from places on the disc, in [0, 1)^2, and directions of the emitter's sampling."""
-        centre, radius, outside = _aim(self.scene, self.level)
+        centre, *lengths = _aim(self.scene, self.level)
+        radius, outside = (as_component(dr.opaque(mi.Float, each)) for each in lengths)
         it = dr.zeros(mi.SurfaceInteraction3f, dr.width(on_disc))
         it.p = mi.Point3f(*(dr.opaque(mi.Float, x) for x in centre))
         sample, irradiance = self.light.emitter.sample_direction(it, towards)
         # Light falls from the sampled point on the distant sphere towards the window.
         d = sample.d
-        disc = mi.warp.square_to_uniform_disk_concentric(on_disc) * as_component(
-            dr.opaque(mi.Float, radius)
-        )
+        disc = mi.warp.square_to_uniform_disk_concentric(on_disc) * radius
         frame = mi.Frame3f(d)
-        origin = it.p + frame.s * disc.x + frame.t * disc.y + d * dr.opaque(mi.Float, outside)
-        area = dr.opaque(mi.Float, math.pi * radius**2)
-        return mi.Ray3f(origin, -d), mi.Color3f(irradiance) * as_component(area)
+        origin = it.p + frame.s * disc.x + frame.t * disc.y + d * outside
+        return mi.Ray3f(origin, -d), mi.Color3f(irradiance) * (math.pi * radius * radius)
 
 
 def _aim(scene: mi.Scene, level: LevelLayout) -> tuple[list[float], float, float]:
