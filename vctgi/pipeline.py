@@ -215,7 +215,7 @@ def light_volume(
     opacity = voxels.opacity
     with clock("reflective shadow maps"):
         maps = render_reflective_shadow_maps(
-            prepared.scene, list(plan.lights), plan.layout, config.reflective_shadow_map
+            prepared.scene, list(plan.lights), plan.layout, config.reflective_shadow_map, opacity
         )
     with clock("light injection"):
         emittance = inject_light(maps, opacity)

@@ -17,10 +17,11 @@ import mitsuba as mi
 import numpy as np
 
 from vctgi.clipmap.levels import LevelLayout
+from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.directions import kronecker_points, kronecker_points_4d, random_unit
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.lights import Light
-from vctgi.stages.reflective_shadow_map.landing import is_near
+from vctgi.stages.reflective_shadow_map.landing import is_seen
 
 PILOT_RAYS_PER_CELL = 4
 """Rays by which the pilot judges a cell."""
@@ -28,9 +29,9 @@ PILOT_RAYS_PER_CELL = 4
 MOST_CELLS_PER_AXIS = {2: 256, 4: 16}
 """Cells along each coordinate, where there are two (one direction) and where there are four."""
 
-OWN_SHARE = 0.25
-"""How much a cell's texels follow its own pilot; the rest follows its neighbours along each axis,
-so that light the pilot missed at the edge of an opening is still found."""
+OWN_SHARE = 0.5
+"""How much a cell's texels follow its own pilot; the rest follows its neighbours, so that light
+which the pilot missed at the edge of an opening does not come in few bright texels."""
 
 SURVEY_RAYS = 256
 """Directions by which the power of a distant light is judged."""
@@ -40,7 +41,11 @@ LEAST_LANDING_SHARE = 0.25
 
 
 def distant_rays(
-    scene: mi.Scene, light: Light, level: LevelLayout, texel_count: int, most_rays: int
+    scene: mi.Scene,
+    light: Light,
+    level: LevelLayout,
+    opacity: OpacityClipmap | None,
+    limits: tuple[int, int],
 ) -> tuple[mi.Ray3f, mi.Color3f]:
     """Return rays of a distant light for one window, and the power of each, W.
 
@@ -52,13 +57,14 @@ def distant_rays(
         A light from outside.
     level
         The window.
-    texel_count
-        Texels that should land in the window.
-    most_rays
-        Rays that may be sent for it, the pilot's aside.
+    opacity
+        Voxels that can be seen: texels are dealt to those. None deals to all of the window.
+    limits
+        Texels that should land there; rays that may be sent for it, the pilot's aside.
     """
+    texel_count, most_rays = limits
     cells = _Cells(scene, light, level, texel_count)
-    through = cells.pilot()
+    through = cells.pilot(opacity)
     dealt = _deal(through, texel_count, cells.axis_count)
     landing = float(np.mean(through > 0.0, axis=1) @ dealt) / float(dealt.sum())
     wanted = math.ceil(texel_count / max(landing, LEAST_LANDING_SHARE))
@@ -81,9 +87,10 @@ def _deal(through: np.ndarray, texel_count: int, axis_count: int) -> np.ndarray:
     weight = np.sqrt(np.mean(through**2, axis=1))
     per_axis = round(cell_count ** (1.0 / axis_count))
     grid = weight.reshape((per_axis,) * axis_count)
-    spread = sum(np.roll(grid, shift, axis) for axis in range(axis_count) for shift in (-1, 1)) / (
-        2 * axis_count
-    )
+    spread = grid
+    for axis in range(axis_count):
+        sides = np.roll(spread, 1, axis) + np.roll(spread, -1, axis)
+        spread = 0.5 * spread + 0.25 * sides
     weight = (OWN_SHARE * grid + (1.0 - OWN_SHARE) * spread).ravel()
     if weight.sum() == 0.0:
         weight = np.ones(cell_count)
@@ -103,13 +110,13 @@ class _Cells:
         self.per_axis = max(1, min(MOST_CELLS_PER_AXIS[self.axis_count], affordable))
         self.count = self.per_axis**self.axis_count
 
-    def pilot(self) -> np.ndarray:
-        """Power [cell, ray] of a few rays of each cell that land in the window, W."""
+    def pilot(self, opacity: OpacityClipmap | None) -> np.ndarray:
+        """Power [cell, ray] of a few rays of each cell that land where it can be seen, W."""
         lane = dr.arange(mi.UInt32, self.count * PILOT_RAYS_PER_CELL)
         inside = [random_unit(lane, axis) for axis in range(self.axis_count)]
         ray, flux = self._at(lane // PILOT_RAYS_PER_CELL, inside)
-        found = self.scene.ray_intersect_preliminary(ray, as_mask(False))
-        lands = found.is_valid() & is_near(mi.Point3f(ray(found.t)), self.level)
+        si = self.scene.ray_intersect(ray, as_mask(True))
+        lands = is_seen(si, mi.Vector3f(ray.d), self.level, opacity)
         power = np.array(dr.select(lands, dr.mean(flux), 0.0), dtype=np.float64)
         # A sick light is refused by name where its power is checked.
         return np.nan_to_num(np.broadcast_to(power, (dr.width(lane),))).reshape(self.count, -1)

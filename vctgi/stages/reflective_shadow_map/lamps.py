@@ -21,9 +21,16 @@ from vctgi.maths.directions import face_forward, kronecker_points_4d, offset_fro
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.extent import half_extent
 from vctgi.scene.lights import Light
+from vctgi.stages.reflective_shadow_map.landing import meets_front
 
 LEAST_TEXELS = 64
-"""Texels of the smallest map."""
+"""Texels of the smallest map, where there are many lamps."""
+
+LEAST_WANTED = 4096
+"""Texels that every lamp is given where there are enough, however little it lights."""
+
+EVEN = 1e-5
+"""Relative difference between powers of rays that rounding explains."""
 
 SURVEY_EDGE = 16
 """Rays along an edge of the map by which a lamp's need is estimated."""
@@ -36,7 +43,7 @@ GRAZING = 0.1
 
 
 def lamp_rays(
-    scene: mi.Scene, lights: list[Light], counts: np.ndarray
+    scene: mi.Scene, lights: list[Light], counts: np.ndarray, *, is_survey: bool = False
 ) -> tuple[mi.Ray3f, mi.Color3f, mi.UInt32, mi.UInt32]:
     """Return rays that share the power of lamps.
 
@@ -48,6 +55,8 @@ def lamp_rays(
         Finite lights.
     counts
         [light] texels of each; square numbers for those with two coordinates only.
+    is_survey
+        Whether all rays with two coordinates lie on a grid, so that neighbours can be compared.
 
     Returns
     -------
@@ -68,13 +77,15 @@ def lamp_rays(
     kinds = [_bits(light) for light in lights]
     kind = dr.gather(mi.UInt32, mi.UInt32(np.array(kinds, dtype=np.uint32)), which)
 
-    # The grid goes to the domain that the light really has: directions of a point, positions of a
-    # lamp that shines one way. An area light has both: four coordinates, evenly in all of them.
+    # An area light has four coordinates, evenly filled in all of them together. Directions of a
+    # point and positions of a lamp that shines one way lie on a grid. A spot takes its direction
+    # from the first pair: scattered, it integrates a falloff whose rings run along a grid's lines.
     grid = (mi.Point2f(texel % edge, texel // edge) + 0.5) / as_component(mi.Float(edge))
     spread = kronecker_points_4d(texel)
-    both = [mi.Point2f(spread[0], spread[1]), mi.Point2f(spread[2], spread[3])]
-    position = dr.select((kind & ONE_DIRECTION) != 0, grid, both[0])
-    direction = dr.select((kind & ONE_PLACE) != 0, grid, both[1])
+    is_flat = (kind & (ONE_PLACE | ONE_DIRECTION)) != 0
+    on_grid = is_flat if is_survey else (kind & ONE_DIRECTION) != 0
+    position = dr.select(on_grid, grid, mi.Point2f(spread[0], spread[1]))
+    direction = dr.select(is_flat, grid, mi.Point2f(spread[2], spread[3]))
     ray, weight = emitter.sample_ray(as_component(0.0), as_component(0.5), position, direction)
     # Mitsuba starts rays at a distance from an area light that a small scene does not have.
     is_area = as_mask((kind & AREA) != 0)
@@ -113,6 +124,8 @@ class LampSurvey:
         [light] rays that met a side which its BSDF lets reflect or transmit.
     lit_faces
         [light] estimated number of voxel faces that the light falls on, of the finest level there.
+    is_even
+        [light] whether all its rays carry the same power.
     ray_count
         Rays of each lamp.
     """
@@ -121,6 +134,7 @@ class LampSurvey:
     landed: np.ndarray
     met_front: np.ndarray
     lit_faces: np.ndarray
+    is_even: np.ndarray
     ray_count: int
 
 
@@ -129,11 +143,9 @@ def survey_lamps(
 ) -> LampSurvey:
     """Send `edge`^2 rays from each lamp and see where they land."""
     count = len(lights)
-    ray, weight, _, _ = lamp_rays(scene, lights, np.full(count, edge * edge))
+    ray, weight, _, _ = lamp_rays(scene, lights, np.full(count, edge * edge), is_survey=True)
     si = scene.ray_intersect(ray, as_mask(True))
-    is_front = dr.dot(mi.Vector3f(si.n), ray.d) < 0.0
-    sides = dr.select(is_front, mi.UInt32(int(mi.BSDFFlags.FrontSide)), int(mi.BSDFFlags.BackSide))
-    met = si.is_valid() & ((mi.UInt32(si.bsdf().flags()) & sides) != 0)
+    met = meets_front(si, mi.Vector3f(ray.d))
     distance = dr.select(si.is_valid(), si.t, 0.0)
     dr.eval(ray, weight, si, met, distance)
 
@@ -154,8 +166,10 @@ def survey_lamps(
             # Mean solid angle of a cosine-distributed direction.
             beam[number] = 2.0 * math.pi / edge**2 * t[number] ** 2
     faces = np.where(landed, beam / (cosine * _face_areas(hits, layout)), 0.0)
+    carried = np.array(weight, dtype=np.float64).reshape(3, count, -1)
     return LampSurvey(
-        power=np.array(dr.mean(weight), dtype=np.float64).reshape(count, -1).mean(axis=1),
+        power=carried.mean(axis=(0, 2)),
+        is_even=(np.ptp(carried, axis=2) <= EVEN * carried.mean(axis=2)).all(axis=0),
         landed=landed.sum(axis=(1, 2)),
         met_front=np.array(met).reshape(count, -1).sum(axis=1),
         lit_faces=faces.sum(axis=(1, 2)),
@@ -201,8 +215,9 @@ def deal_texels(
     """
     survey = survey_lamps(scene, lights, layout)
     full, most = limits
-    wanted = np.clip(texels_per_face * survey.lit_faces, LEAST_TEXELS, full)
-    wanted[survey.landed < LEAST_LANDINGS] = full
+    wanted = np.clip(texels_per_face * survey.lit_faces, min(LEAST_WANTED, full), full)
+    # Uneven power is integrated by the texels, whatever they light.
+    wanted[(survey.landed < LEAST_LANDINGS) | ~survey.is_even] = full
     counts = share_texels(wanted, np.nan_to_num(survey.power), most)
     edges = np.maximum(np.floor(np.sqrt(counts)), 1.0)
     # Where one coordinate pair is all that a lamp has, its texels form a square.

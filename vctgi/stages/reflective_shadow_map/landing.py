@@ -5,7 +5,10 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from vctgi.clipmap.addressing import is_inside, texel_from_voxel
 from vctgi.clipmap.levels import LevelLayout
+from vctgi.clipmap.slots import filled_layers, surface_slot
+from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.directions import face_forward, random_unit
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.records import ReflectiveShadowMap
@@ -86,6 +89,49 @@ def is_near(p_world: mi.Point3f, level: LevelLayout) -> mi.Bool:
         high = dr.opaque(mi.Float, level.window_max[axis] + reach)
         inside &= (p_world[axis] >= low) & (p_world[axis] <= high)
     return inside
+
+
+def is_seen(
+    si: mi.SurfaceInteraction3f,
+    d: mi.Vector3f,
+    level: LevelLayout,
+    opacity: OpacityClipmap | None,
+) -> mi.Bool:
+    """Whether light that lands can be seen in a level's voxels.
+
+    Parameters
+    ----------
+    si, d
+        Where light lands, and the direction in which it travels.
+    level
+        The level.
+    opacity
+        Its voxels; without them, all of its window counts.
+    """
+    # Light on the back of a one-sided surface goes nowhere.
+    seen = is_near(mi.Point3f(si.p), level) & meets_front(si, d)
+    if opacity is None:
+        return seen
+    has_slot = mi.Bool(False)
+    normal = face_forward(mi.Vector3f(si.n), -d)
+    where = si.p / level.voxel_size
+    for axis in range(3):
+        slot = surface_slot(mi.Float(normal[axis]), opacity.rule)
+        layer, is_filled = next(filled_layers(mi.Float(where[axis]), slot))
+        voxel = mi.Vector3i(dr.floor(where))
+        voxel[axis] = layer
+        index = texel_from_voxel(voxel, level.resolution)
+        index += (2 * axis + slot.side) * level.voxel_count
+        active = seen & is_filled & is_inside(voxel, level)
+        has_slot |= active & (dr.gather(mi.Float, opacity.levels[level.level], index, active) > 0.0)
+    return seen & has_slot
+
+
+def meets_front(si: mi.SurfaceInteraction3f, d: mi.Vector3f) -> mi.Bool:
+    """Whether light meets a surface on a side on which its BSDF does anything."""
+    front, back = (mi.UInt32(int(flag)) for flag in (mi.BSDFFlags.FrontSide, mi.BSDFFlags.BackSide))
+    side = dr.select(dr.dot(mi.Vector3f(si.n), d) < 0.0, front, back)
+    return mi.Bool(si.is_valid() & ((mi.UInt32(si.bsdf().flags()) & side) != 0))
 
 
 def hemispherical_albedo(si: mi.SurfaceInteraction3f, index: mi.UInt32) -> mi.Color3f:

@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from vctgi.clipmap.levels import ClipmapLayout
+from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.errors import SceneError
 from vctgi.maths.stub_gaps import as_component
 from vctgi.scene.lights import Light
@@ -25,6 +26,7 @@ def render_reflective_shadow_maps(
     lights: list[Light],
     layout: ClipmapLayout,
     config: ReflectiveShadowMapConfig,
+    opacity: OpacityClipmap | None = None,
 ) -> list[ReflectiveShadowMap]:
     """Trace the light of every emitter to where it first lands.
 
@@ -38,6 +40,9 @@ def render_reflective_shadow_maps(
         Clipmap that the maps will light; sets their resolution and aim.
     config
         Texels per voxel.
+    opacity
+        Voxels of that clipmap: light from outside gets its texels where they show it, and not on
+        the undersides of floors. Without them its texels go to all surfaces in a window.
 
     Returns
     -------
@@ -65,8 +70,8 @@ def render_reflective_shadow_maps(
         maps.append(_light_by_lamps(scene, lights, lamps, layout, (config, full, most)))
     for index in distant:
         for level in layout.clip_levels:
-            count = min(wanted, affordable)
-            ray, flux = distant_rays(scene, lights[index], level, count, affordable)
+            limits = (min(wanted, affordable), affordable)
+            ray, flux = distant_rays(scene, lights[index], level, opacity, limits)
             owner = dr.full(mi.UInt32, index, dr.width(ray.o))
             require_power(flux, owner, lights)
             landed = land(scene, ray, flux, level, dr.arange(mi.UInt32, dr.width(ray.o)))
