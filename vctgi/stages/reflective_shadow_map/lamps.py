@@ -169,7 +169,7 @@ def survey_lamps(
     carried = np.array(weight, dtype=np.float64).reshape(3, count, -1)
     return LampSurvey(
         power=carried.mean(axis=(0, 2)),
-        is_even=(np.ptp(carried, axis=2) <= EVEN * carried.mean(axis=2)).all(axis=0),
+        is_even=(carried.max(axis=2) <= (1.0 + EVEN) * carried.min(axis=2)).all(axis=0),
         landed=landed.sum(axis=(1, 2)),
         met_front=np.array(met).reshape(count, -1).sum(axis=1),
         lit_faces=faces.sum(axis=(1, 2)),
