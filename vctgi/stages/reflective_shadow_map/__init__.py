@@ -8,6 +8,8 @@ sky) gets one map for each clip level, aimed at what that level's window can see
 Start reading at `maps.py`.
 """
 
+from __future__ import annotations
+
 from vctgi.stages.reflective_shadow_map.config import (
     ReflectiveShadowMapConfig as ReflectiveShadowMapConfig,
 )
