@@ -21,6 +21,7 @@ from vctgi.errors import SceneError
 from vctgi.maths.directions import TEA_ROUNDS, kronecker_points, random_unit
 from vctgi.maths.stub_gaps import as_bits, as_component
 from vctgi.plan import Plan, plan_render
+from vctgi.scene.light_checks import check_lights
 from vctgi.scene.lights import list_lights
 from vctgi.scene.materials import Material, describe_material
 from vctgi.scene.records import GBuffer
@@ -142,12 +143,14 @@ def prepare_scene(
     Raises
     ------
     SceneError
-        The scene has no light or no geometry, or vertices that are not finite.
+        The scene has no light or no geometry, vertices that are not finite, or a light that cannot
+        shine: without a sensible power, an angle or an area, or inside geometry.
     """
     with clock("scene"):
         lights = list_lights(scene)
         if not lights:
             raise SceneError("no light", "the scene", "add an emitter")
+        check_lights(lights)
         triangles = extract_triangles(scene)
         materials = [describe_material(bsdf) for bsdf in triangles.bsdfs]
         surfaces = select_surfaces(scene, sensor, triangles, materials)
@@ -212,7 +215,7 @@ def light_volume(
     opacity = voxels.opacity
     with clock("reflective shadow maps"):
         maps = render_reflective_shadow_maps(
-            prepared.scene, list(plan.lights), plan.layout, config.reflective_shadow_map
+            prepared.scene, list(plan.lights), plan.layout, config.reflective_shadow_map, opacity
         )
     with clock("light injection"):
         emittance = inject_light(maps, opacity)

@@ -17,10 +17,12 @@ from vctgi.clipmap.levels import (
     ClipmapLayout,
     lay_out_clipmap,
 )
+from vctgi.errors import SceneError
 from vctgi.scene.camera import survey_rays, viewer
 from vctgi.scene.lights import Light
 from vctgi.scene.materials import Material
 from vctgi.scene.triangles import SceneTriangles
+from vctgi.stages.reflective_shadow_map import survey_distant, survey_lamps
 
 SURVEY_RESOLUTION = 64
 """Camera rays along an edge of the picture that the clipmap is fitted to."""
@@ -30,6 +32,10 @@ NEAR_SHARE = 0.8
 
 MAX_FAR_RATIO = 1e4
 """Largest scene extent over finest level extent that is worth a level of its own."""
+
+LAMP_SURVEY_EDGES = (32, 128)
+"""Rays along an edge of the map by which a lamp is judged; the second where none of the first
+landed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +93,7 @@ def plan_render(
         Size of the clipmap; what it leaves open is chosen here.
     """
     layout, layout_entries = _choose_layout(scene, sensor, triangles, config)
+    kept_lights, light_entries = _choose_lights(scene, lights, layout)
     glossy = [m.kind for m in materials if m.has_specular]
     passing = [m.kind for m in materials if m.has_null]
     entries = [
@@ -109,9 +116,10 @@ def plan_render(
         ),
         PlanEntry(
             item="reflective shadow maps",
-            kept=bool(lights),
-            reason=f"{len(lights)} emitters",
+            kept=bool(kept_lights),
+            reason=f"{len(kept_lights)} emitters",
         ),
+        *light_entries,
         PlanEntry(
             item="emission in voxels",
             kept=False,
@@ -129,7 +137,7 @@ def plan_render(
         layout=layout,
         has_specular=bool(glossy),
         has_passing=bool(passing),
-        lights=tuple(lights),
+        lights=tuple(kept_lights),
         entries=tuple(entries),
     )
 
@@ -186,6 +194,58 @@ def _choose_layout(
             )
         )
     return layout, entries
+
+
+def _choose_lights(
+    scene: mi.Scene, lights: list[Light], layout: ClipmapLayout
+) -> tuple[list[Light], list[PlanEntry]]:
+    """Leave out lights without power and lamps that reach nothing.
+
+    Raises
+    ------
+    SceneError
+        A power that is negative, infinite or NaN; a lamp that only shines on backs.
+    """
+    power = {id(light): survey_distant(light) for light in lights if light.is_infinite}
+    lamps = [light for light in lights if not light.is_infinite]
+    for edge in LAMP_SURVEY_EDGES:
+        if not lamps:
+            break
+        found = survey_lamps(scene, lamps, layout, edge)
+        power |= {id(light): float(each) for light, each in zip(lamps, found.power, strict=True)}
+        for light, landed, met in zip(lamps, found.landed, found.met_front, strict=True):
+            if power[id(light)] > 0.0 and landed > 0 and met == 0:
+                raise SceneError(
+                    "its light meets nothing but the backs of one-sided surfaces",
+                    f"emitter '{light.name}'",
+                    "it stands inside geometry: move it out, or make the surface two-sided",
+                )
+        lamps = [each for each, landed in zip(lamps, found.landed, strict=True) if landed == 0]
+    unreached = [light for light in lamps if power[id(light)] != 0.0]
+    for light in lights:
+        if not 0.0 <= power[id(light)] < float("inf"):
+            raise SceneError(
+                "its power is negative, infinite or NaN",
+                f"emitter '{light.name}'",
+                "correct its radiance",
+            )
+    dark = [light for light in lights if power[id(light)] == 0.0]
+    left_out = {
+        "lights without power": (dark, "their power is zero"),
+        "lights that reach nothing": (unreached, "no ray of them meets a surface"),
+    }
+    entries = [
+        PlanEntry(
+            item=item,
+            kept=False,
+            reason=f"{reason}: {', '.join(each.name for each in chosen)}",
+            saved="their reflective shadow maps",
+        )
+        for item, (chosen, reason) in left_out.items()
+        if chosen
+    ]
+    gone = {id(light) for light in [*dark, *unreached]}
+    return [light for light in lights if id(light) not in gone], entries
 
 
 def _near_bounds(

@@ -30,6 +30,10 @@ STUDIES = {
         "experiments.studies.representation",
         "How exact are the voxels themselves, without cones or light maps to blame?",
     ),
+    "light": StudyEntry(
+        "experiments.studies.light",
+        "Does the power of every light arrive in the voxels, in the right place?",
+    ),
 }
 """Studies by name."""
 

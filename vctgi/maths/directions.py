@@ -56,6 +56,19 @@ def kronecker_points(index: mi.UInt32, offset: Sequence[float] = (0.5, 0.5)) -> 
     return mi.Point2f(*coordinates)
 
 
+FOUR_DIMENSIONAL_RATIO = 1.16730397826141868426
+"""Root of x^5 = x + 1, the base of the four-dimensional Kronecker sequence [Roberts2018]."""
+
+
+def kronecker_points_4d(index: mi.UInt32) -> list[mi.Float]:
+    """Return the four coordinates, in [0, 1), of points of the R4 sequence [Roberts2018]."""
+    coordinates = []
+    for axis in range(4):
+        step = mi.UInt32(int(2**32 / FOUR_DIMENSIONAL_RATIO ** (axis + 1)))
+        coordinates.append(unit_from_bits(index * step + mi.UInt32(2**31)))
+    return coordinates
+
+
 def unit_from_bits(bits: mi.UInt32) -> mi.Float:
     """Return the number in [0, 1) whose leading 24 binary digits are those of `bits`."""
     return mi.Float(bits >> 8) * (1.0 / 2**24)

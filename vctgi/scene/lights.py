@@ -64,7 +64,7 @@ def list_lights(scene: mi.Scene) -> list[Light]:
         lights.append(
             Light(
                 emitter=emitter,
-                name=emitter.id() or f"{kind} {index}",
+                name=_name(emitter) or f"{kind} {index}",
                 kind=kind,
                 is_infinite=bool(flags & int(mi.EmitterFlags.Infinite))
                 or kind == "DirectionalEmitter",
@@ -73,6 +73,13 @@ def list_lights(scene: mi.Scene) -> list[Light]:
             )
         )
     return lights
+
+
+def _name(emitter: mi.Emitter) -> str:
+    """Return the name that Mitsuba's parameters have, which for a lamp begins with its shape's."""
+    shape = emitter.get_shape()
+    parts = [] if shape is None else [shape.id()]
+    return ".".join(part for part in [*parts, emitter.id()] if part)
 
 
 def emitter_kind(emitter: mi.Emitter) -> str:

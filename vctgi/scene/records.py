@@ -10,12 +10,12 @@ import mitsuba as mi
 
 @dataclass
 class ReflectiveShadowMap:
-    """The lit points of one light.
+    """The lit points of one light, or of several.
 
     Attributes
     ----------
     light_name
-        Which light.
+        Which light, or how many.
     level
         The clip level that the map is made for, or None if it serves all.
     position
@@ -26,6 +26,9 @@ class ReflectiveShadowMap:
         Power that arrives at the texel, W.
     reflected_flux
         Power that leaves it again by reflection, W.
+    light_index
+        Light of each texel, as a place in the list of lights that the maps were made of; None for
+        points that no emitter lit.
     """
 
     light_name: str
@@ -34,6 +37,7 @@ class ReflectiveShadowMap:
     normal: mi.Vector3f
     incident_flux: mi.Color3f
     reflected_flux: mi.Color3f
+    light_index: mi.UInt32 | None = None
 
     @property
     def texel_count(self) -> int:

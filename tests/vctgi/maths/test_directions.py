@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -11,6 +13,7 @@ from tests.vctgi.evenness import COUNT, deviation
 from vctgi.maths.directions import (
     face_forward,
     kronecker_points,
+    kronecker_points_4d,
     other_axes,
     unit_from_bits,
 )
@@ -24,6 +27,13 @@ def test_kronecker_points_are_more_even_than_random_ones() -> None:
     assert points.max() < 1.0
     # Even counts lie far below what chance would give.
     assert deviation(list(points), 64) < -20.0
+
+
+def test_four_coordinates_are_more_even_than_random_ones_together_and_in_pairs() -> None:
+    points = [np.array(x, np.float64) for x in kronecker_points_4d(dr.arange(mi.UInt32, COUNT))]
+    assert deviation(points, 16) < -20.0
+    for first, second in itertools.combinations(points, 2):
+        assert deviation([first, second], 64) < -20.0
 
 
 def test_kronecker_points_stay_exact_at_any_index() -> None:

@@ -1,0 +1,168 @@
+"""Rays of light from outside the scene, aimed at what one window can see of it.
+
+A ray of such light has four coordinates: the direction, in the square that the emitter's sampling
+takes, and the place on a disc across that direction which covers the part of the scene in the
+window. Roofs and walls stop most of them. So a coarse pilot finds in which cells of those
+coordinates rays get through, and the texels are dealt to the cells in proportion. Every cell gets
+at least one, and its texels share its part of the power, so that the pilot changes where the texels
+are and never what they add up to (docs/decisions/0010).
+"""
+
+from __future__ import annotations
+
+import math
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from vctgi.clipmap.levels import LevelLayout
+from vctgi.clipmap.storage import OpacityClipmap
+from vctgi.maths.directions import kronecker_points, kronecker_points_4d, random_unit
+from vctgi.maths.stub_gaps import as_component, as_mask
+from vctgi.scene.lights import Light
+from vctgi.stages.reflective_shadow_map.landing import is_seen
+
+PILOT_RAYS_PER_CELL = 4
+"""Rays by which the pilot judges a cell."""
+
+MOST_CELLS_PER_AXIS = {2: 256, 4: 16}
+"""Cells along each coordinate, where there are two (one direction) and where there are four."""
+
+OWN_SHARE = 0.5
+"""How much a cell's texels follow its own pilot; the rest follows its neighbours, so that light
+which the pilot missed at the edge of an opening does not come in few bright texels."""
+
+SURVEY_RAYS = 256
+"""Directions by which the power of a distant light is judged."""
+
+LEAST_LANDING_SHARE = 0.25
+"""A map sends out at most this number's inverse of rays for each texel that it is meant to have."""
+
+
+def distant_rays(
+    scene: mi.Scene,
+    light: Light,
+    level: LevelLayout,
+    opacity: OpacityClipmap | None,
+    limits: tuple[int, int],
+) -> tuple[mi.Ray3f, mi.Color3f]:
+    """Return rays of a distant light for one window, and the power of each, W.
+
+    Parameters
+    ----------
+    scene
+        What stands in the way.
+    light
+        A light from outside.
+    level
+        The window.
+    opacity
+        Voxels that can be seen: texels are dealt to those. None deals to all of the window.
+    limits
+        Texels that should land there; rays that may be sent for it, the pilot's aside.
+    """
+    texel_count, most_rays = limits
+    cells = _Cells(scene, light, level, texel_count)
+    through = cells.pilot(opacity)
+    dealt = _deal(through, texel_count, cells.axis_count)
+    landing = float(np.mean(through > 0.0, axis=1) @ dealt) / float(dealt.sum())
+    wanted = math.ceil(texel_count / max(landing, LEAST_LANDING_SHARE))
+    ray_count = min(wanted, max(most_rays, cells.count))
+    return cells.rays(_deal(through, ray_count, cells.axis_count))
+
+
+def survey_distant(light: Light) -> float:
+    """Return the estimated irradiance of a distant light, W m^-2, summed over all directions."""
+    number = dr.arange(mi.UInt32, SURVEY_RAYS)
+    it = dr.zeros(mi.SurfaceInteraction3f, SURVEY_RAYS)
+    _, irradiance = light.emitter.sample_direction(it, kronecker_points(number))
+    return float(np.mean(np.array(mi.Color3f(irradiance), dtype=np.float64)))
+
+
+def _deal(through: np.ndarray, texel_count: int, axis_count: int) -> np.ndarray:
+    """Texels of each cell, at least one, from the power [cell, ray] that the pilot got through."""
+    cell_count = len(through)
+    # The variance of a cell's sum goes with the mean square, so the best share with its root.
+    weight = np.sqrt(np.mean(through**2, axis=1))
+    per_axis = round(cell_count ** (1.0 / axis_count))
+    grid = weight.reshape((per_axis,) * axis_count)
+    spread = grid
+    for axis in range(axis_count):
+        sides = np.roll(spread, 1, axis) + np.roll(spread, -1, axis)
+        spread = 0.5 * spread + 0.25 * sides
+    weight = (OWN_SHARE * grid + (1.0 - OWN_SHARE) * spread).ravel()
+    if weight.sum() == 0.0:
+        weight = np.ones(cell_count)
+    spare = max(texel_count - cell_count, 0)
+    ends = np.floor(np.cumsum(weight) * (spare / weight.sum()) + 0.5).astype(np.int64)
+    dealt: np.ndarray = 1 + np.diff(ends, prepend=0)
+    return dealt
+
+
+class _Cells:
+    """The coordinates of a distant light's rays for one window, in cells."""
+
+    def __init__(self, scene: mi.Scene, light: Light, level: LevelLayout, texel_count: int) -> None:
+        self.scene, self.light, self.level = scene, light, level
+        self.axis_count = 2 if light.is_delta_direction else 4
+        affordable = int((texel_count / PILOT_RAYS_PER_CELL) ** (1.0 / self.axis_count) + 1e-6)
+        self.per_axis = max(1, min(MOST_CELLS_PER_AXIS[self.axis_count], affordable))
+        self.count = self.per_axis**self.axis_count
+
+    def pilot(self, opacity: OpacityClipmap | None) -> np.ndarray:
+        """Power [cell, ray] of a few rays of each cell that land where it can be seen, W."""
+        lane = dr.arange(mi.UInt32, self.count * PILOT_RAYS_PER_CELL)
+        inside = [random_unit(lane, axis) for axis in range(self.axis_count)]
+        ray, flux = self._at(lane // PILOT_RAYS_PER_CELL, inside)
+        si = self.scene.ray_intersect(ray, as_mask(True))
+        lands = is_seen(si, mi.Vector3f(ray.d), self.level, opacity)
+        power = np.array(dr.select(lands, dr.mean(flux), 0.0), dtype=np.float64)
+        # A sick light is refused by name where its power is checked.
+        return np.nan_to_num(np.broadcast_to(power, (dr.width(lane),))).reshape(self.count, -1)
+
+    def rays(self, dealt: np.ndarray) -> tuple[mi.Ray3f, mi.Color3f]:
+        """Rays of so many texels for each cell, and the power of each."""
+        texel_count = int(dealt.sum())
+        cell = np.repeat(np.arange(self.count, dtype=np.uint32), dealt)
+        share = np.repeat(1.0 / (self.count * dealt), dealt).astype(np.float32)
+        lane = dr.arange(mi.UInt32, texel_count)
+        inside = kronecker_points(lane) if self.axis_count == 2 else kronecker_points_4d(lane)
+        ray, flux = self._at(mi.UInt32(cell), [mi.Float(each) for each in inside])
+        return ray, flux * as_component(mi.Float(share))
+
+    def _at(self, cell: mi.UInt32, inside: list[mi.Float]) -> tuple[mi.Ray3f, mi.Color3f]:
+        """Rays at places inside cells, and the power that all light had if it were like each."""
+        coordinates = []
+        for place in inside:
+            coordinates.append((mi.Float(cell % self.per_axis) + place) / self.per_axis)
+            cell //= self.per_axis
+        on_disc = mi.Point2f(coordinates[0], coordinates[1])
+        towards = mi.Point2f(*coordinates[2:]) if self.axis_count == 4 else mi.Point2f(0.5)
+        return self._rays(on_disc, towards)
+
+    def _rays(self, on_disc: mi.Point2f, towards: mi.Point2f) -> tuple[mi.Ray3f, mi.Color3f]:
+        """Rays from places on the disc, in [0, 1)^2, and directions of the emitter's sampling."""
+        centre, *lengths = _aim(self.scene, self.level)
+        radius, outside = (as_component(dr.opaque(mi.Float, each)) for each in lengths)
+        it = dr.zeros(mi.SurfaceInteraction3f, dr.width(on_disc))
+        it.p = mi.Point3f(*(dr.opaque(mi.Float, x) for x in centre))
+        sample, irradiance = self.light.emitter.sample_direction(it, towards)
+        # Light falls from the sampled point on the distant sphere towards the window.
+        d = sample.d
+        disc = mi.warp.square_to_uniform_disk_concentric(on_disc) * radius
+        frame = mi.Frame3f(d)
+        origin = it.p + frame.s * disc.x + frame.t * disc.y + d * outside
+        return mi.Ray3f(origin, -d), mi.Color3f(irradiance) * (math.pi * radius * radius)
+
+
+def _aim(scene: mi.Scene, level: LevelLayout) -> tuple[list[float], float, float]:
+    """Middle and radius of what a window holds of the scene, and how far away rays start."""
+    box = scene.bbox()
+    low = np.maximum(np.array(box.min).ravel(), level.window_min)
+    high = np.minimum(np.array(box.max).ravel(), level.window_max)
+    high = np.maximum(high, low)
+    radius = max(0.5 * float(np.linalg.norm(high - low)), 0.5 * level.voxel_size)
+    # From far enough that nothing of the scene stands behind the disc.
+    outside = 2.0 * float(dr.norm(box.extents())) + radius
+    return (0.5 * (low + high)).tolist(), radius, outside
