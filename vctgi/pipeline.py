@@ -32,6 +32,7 @@ from vctgi.stages.cone_tracing.specular import trace_specular
 from vctgi.stages.downsampling import downsample
 from vctgi.stages.gbuffer import trace_gbuffer
 from vctgi.stages.light_injection import inject_light
+from vctgi.stages.outgoing_radiance import with_radiance
 from vctgi.stages.reflective_shadow_map import render_reflective_shadow_maps
 from vctgi.stages.voxelization.opacity import voxelize_triangles
 from vctgi.stages.voxelization.triangles import DeviceTriangles, upload_triangles
@@ -214,8 +215,11 @@ def light_volume(
         maps = render_reflective_shadow_maps(
             prepared.scene, list(plan.lights), plan.layout, config.reflective_shadow_map
         )
+    if config.injection.needs_radiance:
+        with clock("radiance of lit points"):
+            maps = with_radiance(prepared.scene, maps)
     with clock("light injection"):
-        emittance = inject_light(maps, opacity)
+        emittance = inject_light(maps, opacity, config.injection)
     with clock("downsampling"):
         merged, lit = downsample(opacity, emittance)
         assert lit is not None, "downsampling keeps the emittance it is given"

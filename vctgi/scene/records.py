@@ -26,6 +26,9 @@ class ReflectiveShadowMap:
         Power that arrives at the texel, W.
     reflected_flux
         Power that leaves it again by reflection, W.
+    radiance
+        What the surface there sends out by reflection of the direct light of all emitters together,
+        W m^-2 sr^-1; unbiased, and may be noisy. None where nobody asked for it.
     """
 
     light_name: str
@@ -34,6 +37,7 @@ class ReflectiveShadowMap:
     normal: mi.Vector3f
     incident_flux: mi.Color3f
     reflected_flux: mi.Color3f
+    radiance: mi.Color3f | None = None
 
     @property
     def texel_count(self) -> int:
