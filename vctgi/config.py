@@ -34,6 +34,9 @@ class RenderConfig:
     """Resolution of the light maps."""
     injection: LightInjectionConfig = field(default_factory=LightInjectionConfig)
     """How light gets into voxels."""
+    emission_in_voxels: bool = False
+    """Whether emitters shine from voxels too. Mitsuba renders what they send straight to a point,
+    so their light is then counted twice; for studies of light from emissive voxels."""
     gbuffer: GBufferConfig = field(default_factory=GBufferConfig)
     """Effort for measuring lobes."""
     diffuse: DiffuseConesConfig = field(default_factory=DiffuseConesConfig)

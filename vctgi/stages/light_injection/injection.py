@@ -42,6 +42,9 @@ from vctgi.stages.light_injection.target import Target, make_target
 FIXED_POINT_BITS = 60
 """The sum of everything that is injected is below 2 to this power."""
 
+SMALLEST = 1e-300
+"""Keeps a quotient of sums finite where both are 0."""
+
 Steps = tuple[float, float]
 
 
@@ -269,7 +272,7 @@ def _emitted(target: Target, held: mi.UInt32, coverage: mi.Float) -> list[mi.Flo
         value = mi.Float64(values[channel])
         if len(values) > 3:
             # Where nothing is lit the sum is 0 as well.
-            mean = values[3 + channel] / dr.maximum(value, math.ulp(0.0))
+            mean = values[3 + channel] / dr.maximum(value, SMALLEST)
             value = dr.minimum(value, mean * mi.Float64(coverage))
         emitted.append(mi.Float(value))
     return emitted
@@ -278,4 +281,5 @@ def _emitted(target: Target, held: mi.UInt32, coverage: mi.Float) -> list[mi.Flo
 def _brightness(splats: Splats, active: mi.Bool) -> float:
     """Sum of the mean of the channels over lanes."""
     mean = mi.Float((splats.light[0] + splats.light[1] + splats.light[2]) * (1.0 / 3.0))
-    return float(dr.sum(dr.select(active, mean, 0.0))[0])
+    held = dr.select(active, mean, 0.0)
+    return float(dr.sum(held)[0])
