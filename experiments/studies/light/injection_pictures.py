@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -20,7 +20,6 @@ from experiments.studies.exact_voxels import (
     lay_out_window,
     light_exactly,
     receivers,
-    surfaces_in,
 )
 from experiments.studies.light.injections import COMPARED, INJECTIONS, PLACEMENTS, row
 from experiments.studies.light.lit_rooms import (
@@ -35,11 +34,15 @@ from experiments.studies.phases import phase_offsets
 from experiments.studies.representation.thin_rays import gather as thin_rays
 from experiments.studies.scenes import white_furnace
 from vctgi.config import preset
+from vctgi.pipeline import prepare_scene
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
 
 FURNACES = ("scatter", "scatter 3 wide", "scatter bounded", "scatter 3 wide bounded", "centre")
 FURNACE_MEAN, FURNACE_LARGEST = 0.92, 1.001
 FURNACE_EDGE = (20, 8)
+RESOLUTION = 64
+"""Voxels along an edge of a level of the furnace."""
+
 EXACT = "exact light"
 RELATIVE_FLOOR = 0.01
 """Share of the squared mean reference that keeps relMSE finite in the dark."""
@@ -76,7 +79,9 @@ def _furnace(context: StudyContext, how: str, where: str) -> np.ndarray:
 
     def make() -> LitPoints:
         scene = shining_room(placement(np.zeros(3), is_turned=is_turned))
-        layout = lay_out_window(surfaces_in(scene).vertices)
+        high = preset("high")
+        config = replace(high, clipmap=replace(high.clipmap, resolution=RESOLUTION))
+        layout = prepare_scene(scene, scene.sensors()[0], config).plan.layout
         return light_points(scene, layout)
 
     points = context.once(f"furnace {where}", make)

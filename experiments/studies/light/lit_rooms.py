@@ -58,12 +58,10 @@ class LitPoints:
         return inject_light(self.maps, self.opacity, config)
 
 
-def light_points(
-    scene: mi.Scene, layout: ClipmapLayout, texels_per_voxel: float = 8.0
-) -> LitPoints:
+def light_points(scene: mi.Scene, layout: ClipmapLayout) -> LitPoints:
     """Voxelize a scene and trace its light, with the radiance of every lit point."""
     opacity = voxelize_opacity(surfaces_in(scene), layout)
-    config = ReflectiveShadowMapConfig(texels_per_voxel=texels_per_voxel)
+    config = ReflectiveShadowMapConfig()
     maps = render_reflective_shadow_maps(scene, list_lights(scene), layout, config)
     return LitPoints(scene, opacity, with_radiance(scene, maps))
 
@@ -80,7 +78,9 @@ def placement(offset: np.ndarray, *, is_turned: bool) -> Any:
 def room(outer: Any, **more: Any) -> dict[str, Any]:
     """Six diffuse walls that face inwards, of the cube from -1 to 1."""
     grey = {"type": "rgb", "value": ALBEDO}
-    walls: dict[str, Any] = {"type": "scene", "sensor": {"type": "perspective", "to_world": outer}}
+    eye = mi.ScalarTransform4f().look_at([0.6, 0.5, 0.7], [0.0, 0.0, 0.0], [0, 1, 0])
+    camera = {"type": "perspective", "fov": 90.0, "to_world": outer @ eye}
+    walls: dict[str, Any] = {"type": "scene", "sensor": camera}
     for index, (axis, degrees) in enumerate(INWARD_TURNS):
         turn = mi.ScalarTransform4f().rotate(axis, degrees).translate([0, 0, -1])
         bsdf = {"type": "diffuse", "reflectance": grey}

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from tests.vctgi.hand_made_volumes import opacity_of
-from tests.vctgi.small_scenes import SceneDict, area_light, load, oblique
-from vctgi.clipmap.levels import lay_out_clipmap
+from tests.vctgi.small_scenes import SceneDict, area_light, camera, load, oblique, room
+from vctgi.clipmap.levels import ClipmapConfig, lay_out_clipmap
 from vctgi.clipmap.slots import DEFAULT_RULE
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
+from vctgi.clipmap.unpacking import unpack_level
+from vctgi.config import RenderConfig
 from vctgi.maths.directions import DIRECTION_COUNT
+from vctgi.pipeline import light_volume, prepare_scene
 from vctgi.scene.emissive import list_emissive_surfaces
 from vctgi.stages.voxelization.emittance import voxelize_emission
 
@@ -106,3 +109,19 @@ def test_texture_keeps_its_mean_and_its_place() -> None:
 def test_scene_without_area_lights_emits_nothing() -> None:
     _, lit = voxelized({"type": "point", "intensity": 1.0})
     assert not np.array(lit.levels[0]).any()
+
+
+def test_pipeline_writes_emitters_into_voxels_only_if_asked() -> None:
+    down = mi.ScalarTransform4f().translate([0.0, 0.9, 0.0]).rotate([1, 0, 0], 90).scale(0.3)
+    lamp = rectangle(down, area_light(RADIANCE))
+    scene = load(lamp=lamp, sensor=camera([0.5, 0.3, 0.6], [0, 0, 0]), **room())
+    brightest = []
+    for is_asked in (False, True):
+        config = RenderConfig(clipmap=ClipmapConfig(resolution=32), emission_in_voxels=is_asked)
+        prepared = prepare_scene(scene, scene.sensors()[0], config)
+        entry = next(e for e in prepared.plan.entries if e.item == "emission in voxels")
+        assert entry.kept == is_asked
+        volume = light_volume(prepared, config).volume
+        texels = unpack_level(volume, volume.layout.levels[0])
+        brightest.append(float(np.array(texels.emittance).max()))
+    assert brightest[0] < 0.9 * RADIANCE < brightest[1]
