@@ -10,6 +10,7 @@ from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig
 from vctgi.stages.cone_tracing.march import ConeMarchConfig
 from vctgi.stages.cone_tracing.specular import SpecularConesConfig
 from vctgi.stages.gbuffer import GBufferConfig
+from vctgi.stages.light_injection import LightInjectionConfig
 from vctgi.stages.reflective_shadow_map import ReflectiveShadowMapConfig
 from vctgi.stages.voxelization.opacity import OpacityVoxelizationConfig
 
@@ -31,6 +32,11 @@ class RenderConfig:
         default_factory=ReflectiveShadowMapConfig
     )
     """Resolution of the light maps."""
+    injection: LightInjectionConfig = field(default_factory=LightInjectionConfig)
+    """How light gets into voxels."""
+    emission_in_voxels: bool = False
+    """Whether emitters shine from voxels too. Mitsuba renders what they send straight to a point,
+    so their light is then counted twice; for studies of light from emissive voxels."""
     gbuffer: GBufferConfig = field(default_factory=GBufferConfig)
     """Effort for measuring lobes."""
     diffuse: DiffuseConesConfig = field(default_factory=DiffuseConesConfig)

@@ -8,7 +8,7 @@ volume -> G-buffer -> diffuse cones, specular cones -> composite = frame
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import drjit as dr
@@ -20,7 +20,8 @@ from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
 from vctgi.maths.directions import TEA_ROUNDS, kronecker_points, random_unit
 from vctgi.maths.stub_gaps import as_bits, as_component
-from vctgi.plan import Plan, plan_render
+from vctgi.plan import Plan, keep_emission, plan_render
+from vctgi.scene.emissive import list_emissive_surfaces
 from vctgi.scene.light_checks import check_lights
 from vctgi.scene.lights import list_lights
 from vctgi.scene.materials import Material, describe_material
@@ -33,7 +34,9 @@ from vctgi.stages.cone_tracing.specular import trace_specular
 from vctgi.stages.downsampling import downsample
 from vctgi.stages.gbuffer import trace_gbuffer
 from vctgi.stages.light_injection import inject_light
+from vctgi.stages.outgoing_radiance import with_radiance
 from vctgi.stages.reflective_shadow_map import render_reflective_shadow_maps
+from vctgi.stages.voxelization.emittance import voxelize_emission
 from vctgi.stages.voxelization.opacity import voxelize_triangles
 from vctgi.stages.voxelization.triangles import DeviceTriangles, upload_triangles
 from vctgi.stages.voxelization.update import changed_bounds, update_opacity
@@ -155,6 +158,8 @@ def prepare_scene(
         materials = [describe_material(bsdf) for bsdf in triangles.bsdfs]
         surfaces = select_surfaces(scene, sensor, triangles, materials)
         plan = plan_render(scene, sensor, triangles, materials, lights, config.clipmap)
+        if config.emission_in_voxels:
+            plan = keep_emission(plan)
     return PreparedScene(scene, sensor, triangles, materials, surfaces, plan)
 
 
@@ -217,8 +222,16 @@ def light_volume(
         maps = render_reflective_shadow_maps(
             prepared.scene, list(plan.lights), plan.layout, config.reflective_shadow_map, opacity
         )
+    if config.injection.needs_radiance:
+        with clock("radiance of lit points"):
+            maps = with_radiance(prepared.scene, maps)
     with clock("light injection"):
-        emittance = inject_light(maps, opacity)
+        emittance = inject_light(maps, opacity, config.injection)
+    if config.emission_in_voxels:
+        with clock("emittance voxelization"):
+            opacity, emitted = voxelize_emission(list_emissive_surfaces(prepared.scene), opacity)
+            both = zip(emittance.levels, emitted.levels, strict=True)
+            emittance = replace(emittance, levels=[light + own for light, own in both])
     with clock("downsampling"):
         merged, lit = downsample(opacity, emittance)
         assert lit is not None, "downsampling keeps the emittance it is given"

@@ -6,7 +6,7 @@ code for the rest. It is data: it prints as a table and stands in every record.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mitsuba as mi
 import numpy as np
@@ -36,6 +36,10 @@ MAX_FAR_RATIO = 1e4
 LAMP_SURVEY_EDGES = (32, 128)
 """Rays along an edge of the map by which a lamp is judged; the second where none of the first
 landed."""
+
+
+EMISSION = "emission in voxels"
+"""Name of a decision that a configuration may turn round."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +125,7 @@ def plan_render(
         ),
         *light_entries,
         PlanEntry(
-            item="emission in voxels",
+            item=EMISSION,
             kept=False,
             reason="light straight from an emitter is direct light, which Mitsuba renders",
             saved="emittance voxelization",
@@ -140,6 +144,13 @@ def plan_render(
         lights=tuple(kept_lights),
         entries=tuple(entries),
     )
+
+
+def keep_emission(plan: Plan) -> Plan:
+    """Return a plan in which emitters shine from voxels too, because the configuration says so."""
+    kept = PlanEntry(item=EMISSION, kept=True, reason="asked for by emission_in_voxels")
+    entries = [kept if entry.item == EMISSION else entry for entry in plan.entries]
+    return replace(plan, entries=tuple(entries))
 
 
 def _choose_layout(

@@ -19,7 +19,12 @@ from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
 from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.scene.surfaces import VoxelSurfaces, opaque_surfaces
 from vctgi.stages.downsampling import downsample, downsample_regions
-from vctgi.stages.light_injection import inject_light, update_emittance
+from vctgi.stages.light_injection import (
+    LightInjectionConfig,
+    inject_light,
+    relit_regions,
+    update_emittance,
+)
 from vctgi.stages.voxelization.opacity import (
     DEFAULT_CONFIG,
     OpacityVoxelizationConfig,
@@ -33,6 +38,7 @@ pytestmark = pytest.mark.usefixtures("variant")
 RESOLUTION = 8
 VOXEL_SIZE = 0.3
 OBJECT_COUNT = 4
+BY_SCATTER = LightInjectionConfig()
 
 
 def layout_at(centre: np.ndarray) -> ClipmapLayout:
@@ -80,6 +86,7 @@ def lit_points(parts: list[np.ndarray], flux: list[float]) -> list[ReflectiveSha
                 normal=mi.Vector3f(np.ascontiguousarray(normal.T, dtype=np.float32)),
                 incident_flux=mi.Color3f(power),
                 reflected_flux=mi.Color3f(power),
+                radiance=mi.Color3f(0.3 * power),
             )
         )
     return maps
@@ -120,11 +127,16 @@ class World:
         return []
 
 
-def walk(seed: int, steps: Steps, config: OpacityVoxelizationConfig) -> None:
+def walk(
+    seed: int,
+    steps: Steps,
+    config: OpacityVoxelizationConfig,
+    injection: LightInjectionConfig = BY_SCATTER,
+) -> None:
     world = World(objects(seed), [0.3, 0.5, 0.9, 1.1], np.zeros(3))
     surfaces, layout = scene_of(world.parts), layout_at(world.centre)
     direct = voxelize_opacity(surfaces, layout, config)
-    emittance = inject_light(lit_points(world.parts, world.flux), direct)
+    emittance = inject_light(lit_points(world.parts, world.flux), direct, injection)
     merged, lit = downsample(direct, emittance)
     assert lit is not None
     for kind, which, step in steps:
@@ -136,7 +148,9 @@ def walk(seed: int, steps: Steps, config: OpacityVoxelizationConfig) -> None:
         dark = stale_regions(before[1], layout, changed + relit, config.reach_voxels)
         had = list(emittance.steps_per_unit)
         maps = lit_points(world.parts, world.flux)
-        emittance = update_emittance(emittance, maps, direct, dark)
+        emittance = update_emittance(emittance, maps, direct, dark, injection)
+        dark = relit_regions(layout, dark, injection)
+        dark += [[] for _ in layout.levels[layout.clip_level_count :]]
         if emittance.steps_per_unit != had:
             dark = [own_regions(layout, level) for level in layout.clip_levels]
             dark += [[] for _ in layout.levels[layout.clip_level_count :]]
@@ -148,7 +162,7 @@ def walk(seed: int, steps: Steps, config: OpacityVoxelizationConfig) -> None:
 
     expected = voxelize_opacity(surfaces, layout, config)
     assert_same(direct.levels, expected.levels)
-    light = inject_light(lit_points(world.parts, world.flux), expected)
+    light = inject_light(lit_points(world.parts, world.flux), expected, injection)
     assert_same(emittance.levels, light.levels)
     assert emittance.lost_flux_share == light.lost_flux_share
     expected_merged, expected_lit = downsample(expected, light)
@@ -182,6 +196,25 @@ def test_walks_equal_a_rebuild_with_every_option(
     steps: Steps,
 ) -> None:
     walk(seed, steps, config)
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 1000), steps=WALK)
+@pytest.mark.parametrize(
+    "injection",
+    [
+        LightInjectionConfig(algorithm="gather"),
+        LightInjectionConfig(algorithm="centre"),
+        LightInjectionConfig(normalisation="radiance"),
+        LightInjectionConfig(prefilter=3),
+        LightInjectionConfig(prefilter=5, algorithm="gather", normalisation="radiance"),
+    ],
+    ids=["gather", "centre", "bounded", "3 wide", "5 wide"],
+)
+def test_walks_equal_a_rebuild_with_every_injection(
+    injection: LightInjectionConfig, seed: int, steps: Steps
+) -> None:
+    walk(seed, steps, DEFAULT_CONFIG, injection)
 
 
 def test_moving_camera_compiles_nothing_new() -> None:

@@ -80,14 +80,14 @@ class EmittanceClipmap:
     lost_flux_share
         Share of the reflected flux that fell where the clipmap has no opacity, per clip level.
     steps_per_unit
-        Fixed-point steps per W m^-2 sr^-1 in which light was summed, per clip level; 0 where there
-        was none.
+        Fixed-point steps in which light was summed, per clip level: per W m^-2 sr^-1, and per its
+        square where light was summed times radiance; 0 where there was none.
     """
 
     layout: ClipmapLayout
     levels: list[mi.Color3f]
     lost_flux_share: list[float]
-    steps_per_unit: list[float] = field(default_factory=list)
+    steps_per_unit: list[tuple[float, float]] = field(default_factory=list)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,6 +29,9 @@ class ReflectiveShadowMap:
     light_index
         Light of each texel, as a place in the list of lights that the maps were made of; None for
         points that no emitter lit.
+    radiance
+        What the surface there sends out by reflection of the direct light of all emitters together,
+        W m^-2 sr^-1; unbiased, and may be noisy. None where nobody asked for it.
     """
 
     light_name: str
@@ -38,6 +41,7 @@ class ReflectiveShadowMap:
     incident_flux: mi.Color3f
     reflected_flux: mi.Color3f
     light_index: mi.UInt32 | None = None
+    radiance: mi.Color3f | None = None
 
     @property
     def texel_count(self) -> int:

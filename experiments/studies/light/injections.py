@@ -1,0 +1,33 @@
+"""The ways to inject light that are compared, and the rows of their checks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from experiments.studies.check import Check, Measured, StudyContext
+from vctgi.stages.light_injection import LightInjectionConfig
+
+INJECTIONS = {
+    "scatter": LightInjectionConfig(),
+    "gather": LightInjectionConfig(algorithm="gather"),
+    "centre": LightInjectionConfig(algorithm="centre"),
+    "scatter 3 wide": LightInjectionConfig(prefilter=3),
+    "gather 3 wide": LightInjectionConfig(algorithm="gather", prefilter=3),
+    "scatter 5 wide": LightInjectionConfig(prefilter=5),
+    "scatter bounded": LightInjectionConfig(normalisation="radiance"),
+    "scatter 3 wide bounded": LightInjectionConfig(prefilter=3, normalisation="radiance"),
+}
+"""Ways to inject light, by name."""
+
+COMPARED = ("scatter", "scatter 3 wide", "scatter 5 wide", "scatter bounded", "centre")
+"""Those of which each does something of its own."""
+
+PLACEMENTS = {"axis": False, "turned": True}
+"""Whether the scene is turned obliquely to the voxels."""
+
+
+def row(
+    name: str, how: str, scene: str, measure: Callable[[StudyContext], Measured], **limits: float
+) -> Check:
+    """Return the check of one number of one way to inject light."""
+    return Check(name=f"{name}, {how}", configuration=how, scene=scene, measure=measure, **limits)
