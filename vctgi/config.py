@@ -6,15 +6,17 @@ from dataclasses import dataclass, field, replace
 
 from vctgi.clipmap.levels import ClipmapConfig
 from vctgi.clipmap.storage import StorageConfig
+from vctgi.stages.bounces import BouncesConfig
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig
 from vctgi.stages.cone_tracing.march import ConeMarchConfig
 from vctgi.stages.cone_tracing.specular import SpecularConesConfig
 from vctgi.stages.gbuffer import GBufferConfig
 from vctgi.stages.reflective_shadow_map import ReflectiveShadowMapConfig
+from vctgi.stages.slot_surfaces.slots import SlotSurfacesConfig
 from vctgi.stages.voxelization.opacity import OpacityVoxelizationConfig
 
-SCATTERING_COUNT = 2
-"""Surface scatterings between emitter and eye of the light that is rendered: one bounce."""
+LEAST_SCATTERING_COUNT = 2
+"""Surface scatterings between emitter and eye of the simplest indirect light: one bounce."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,13 +41,34 @@ class RenderConfig:
     """Specular cones."""
     samples_per_pixel: int = 4
     """Camera rays a pixel, each with cones of its own, >= 1."""
+    scattering_count: int = LEAST_SCATTERING_COUNT
+    """Most surface scatterings between emitter and eye of the light that is rendered, >= 2: 2 is
+    one bounce."""
+    bounces: BouncesConfig = field(default_factory=BouncesConfig)
+    """When bounces stop before that."""
+    bounce_cones: DiffuseConesConfig = field(
+        default_factory=lambda: DiffuseConesConfig(near_field_voxels=2.0)
+    )
+    """Cones by which voxels gather light from voxels."""
+    slot_surfaces: SlotSurfacesConfig = field(default_factory=SlotSurfacesConfig)
+    """How the surfaces are found that voxels gather light for."""
 
     def __post_init__(self) -> None:
-        """Refuse an empty picture."""
+        """Refuse an empty picture, and one without indirect light."""
         if self.samples_per_pixel < 1:
             raise ValueError(
                 f"RenderConfig.samples_per_pixel must be >= 1, got {self.samples_per_pixel}."
             )
+        if self.scattering_count < LEAST_SCATTERING_COUNT:
+            raise ValueError(
+                f"RenderConfig.scattering_count must be >= {LEAST_SCATTERING_COUNT}, "
+                f"got {self.scattering_count}: light of one scattering is direct."
+            )
+
+    @property
+    def bounce_count(self) -> int:
+        """Scatterings from voxel to voxel, between the first one and the one that is seen."""
+        return self.scattering_count - LEAST_SCATTERING_COUNT
 
 
 def _diffuse(cone_count: int, level_bias: float, near_field_voxels: float) -> DiffuseConesConfig:

@@ -1,21 +1,23 @@
 """The order of the stages, and nothing else.
 
 scene -> triangles, materials, lights -> plan
-plan -> opacity voxelization -> reflective shadow maps -> injection -> downsampling = volume
+plan -> opacity voxelization -> reflective shadow maps -> injection -> bounces
+bounces -> downsampling = volume
 volume -> G-buffer -> diffuse cones, specular cones -> composite = frame
 """
 
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.regions import count_voxels, window_region
-from vctgi.clipmap.storage import OpacityClipmap, VoxelVolume, pack_volume
+from vctgi.clipmap.slot_surfaces import SlotSurfaces
+from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap, VoxelVolume, pack_volume
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
 from vctgi.maths.directions import TEA_ROUNDS, kronecker_points, random_unit
@@ -26,6 +28,7 @@ from vctgi.scene.materials import Material, describe_material
 from vctgi.scene.records import GBuffer
 from vctgi.scene.surfaces import VoxelSurfaces, select_surfaces
 from vctgi.scene.triangles import SceneTriangles, extract_triangles
+from vctgi.stages.bounces import Gather, bounce_light, slot_receivers
 from vctgi.stages.composite import IndirectLight, composite
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
 from vctgi.stages.cone_tracing.specular import trace_specular
@@ -33,6 +36,7 @@ from vctgi.stages.downsampling import downsample
 from vctgi.stages.gbuffer import trace_gbuffer
 from vctgi.stages.light_injection import inject_light
 from vctgi.stages.reflective_shadow_map import render_reflective_shadow_maps
+from vctgi.stages.slot_surfaces.slots import describe_slots
 from vctgi.stages.voxelization.opacity import voxelize_triangles
 from vctgi.stages.voxelization.triangles import DeviceTriangles, upload_triangles
 from vctgi.stages.voxelization.update import changed_bounds, update_opacity
@@ -104,11 +108,15 @@ class LitVolume:
         Share of the reflected flux that found no opacity, for each clip level.
     texel_count
         Lit points of all reflective shadow maps.
+    bounce_fluxes
+        Flux that the voxels emit after each scattering, the first the injected one's, W; empty
+        where light goes straight from the injection to the eye.
     """
 
     volume: VoxelVolume
     lost_flux_share: list[float]
     texel_count: int
+    bounce_fluxes: list[float] = field(default_factory=list)
 
 
 @dataclass
@@ -216,11 +224,55 @@ def light_volume(
         )
     with clock("light injection"):
         emittance = inject_light(maps, opacity)
+    fluxes: list[float] = []
+    if config.bounce_count > 0:
+        emittance, fluxes = _bounce(prepared, voxels, emittance, config, clock)
     with clock("downsampling"):
         merged, lit = downsample(opacity, emittance)
         assert lit is not None, "downsampling keeps the emittance it is given"
         volume = pack_volume(merged, lit, config.storage)
-    return LitVolume(volume, lit.lost_flux_share, sum(m.texel_count for m in maps))
+    return LitVolume(volume, lit.lost_flux_share, sum(m.texel_count for m in maps), fluxes)
+
+
+def _bounce(
+    prepared: PreparedScene,
+    voxels: SceneVoxels,
+    injected: EmittanceClipmap,
+    config: RenderConfig,
+    clock: StageClock,
+) -> tuple[EmittanceClipmap, list[float]]:
+    """Add the light that lit voxels send to other voxels."""
+    with clock("slot surfaces"):
+        surfaces = describe_slots(
+            prepared.scene, voxels.surfaces, voxels.opacity, config.slot_surfaces
+        )
+    with clock("bounces"):
+        gather = slot_gatherer(prepared.scene, surfaces, voxels.opacity, config)
+        bounced = bounce_light(injected, surfaces, gather, config.bounce_count, config.bounces)
+    return bounced.emittance, bounced.fluxes
+
+
+def slot_gatherer(
+    scene: mi.Scene,
+    surfaces: list[SlotSurfaces],
+    opacity: OpacityClipmap,
+    config: RenderConfig,
+) -> Gather:
+    """Return what brings the light of voxels to slots by cones."""
+    receivers = [slot_receivers(each) if each.count else None for each in surfaces]
+
+    def gather(emittance: EmittanceClipmap) -> list[mi.Color3f]:
+        merged, lit = downsample(opacity, emittance)
+        assert lit is not None, "downsampling keeps the emittance it is given"
+        volume = pack_volume(merged, lit, config.storage)
+        return [
+            dr.zeros(mi.Color3f, 0)
+            if each is None
+            else trace_diffuse(each, volume, config.bounce_cones, scene)
+            for each in receivers
+        ]
+
+    return gather
 
 
 def gather_light(

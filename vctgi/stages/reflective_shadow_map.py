@@ -21,12 +21,12 @@ from vctgi.maths.directions import (
     face_forward,
     kronecker_points,
     offset_from_surface,
-    random_unit,
 )
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.extent import half_extent
 from vctgi.scene.lights import Light
 from vctgi.scene.records import ReflectiveShadowMap
+from vctgi.scene.reflectance import hemispherical_albedo
 
 GRAZING_COSINE = 1e-4
 """Texels that hit a surface at a flatter angle carry no light worth dividing by the cosine for."""
@@ -215,24 +215,3 @@ def _land(
     )
     dr.eval(result)
     return result
-
-
-ALBEDO_SAMPLES = 2
-"""BSDF samples for each texel; many texels light a voxel."""
-
-
-def hemispherical_albedo(si: mi.SurfaceInteraction3f, index: mi.UInt32) -> mi.Color3f:
-    """Share of the light from `si.wi` that a surface reflects, all reflecting lobes together.
-
-    Exact for diffuse BSDFs, whose sample weight is their albedo; for others an unbiased estimate.
-    """
-    bsdf = si.bsdf()
-    albedo = mi.Color3f(0.0)
-    for number in range(ALBEDO_SAMPLES):
-        lobe = (number + random_unit(index, 3 * number)) / ALBEDO_SAMPLES
-        point = mi.Point2f(random_unit(index, 3 * number + 1), random_unit(index, 3 * number + 2))
-        sample, weight = bsdf.sample(mi.BSDFContext(), si, as_component(lobe), point)
-        is_reflection = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Reflection)
-        is_used = is_reflection & (sample.pdf > 0.0)
-        albedo += dr.select(is_used, mi.Color3f(weight), 0.0) / ALBEDO_SAMPLES
-    return albedo
