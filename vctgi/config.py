@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
 
 from vctgi.clipmap.levels import ClipmapConfig
 from vctgi.clipmap.storage import StorageConfig
+from vctgi.scene.sky import SkyConfig
 from vctgi.stages.bounces import BouncesConfig
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig
 from vctgi.stages.cone_tracing.march import ConeMarchConfig
@@ -17,6 +19,9 @@ from vctgi.stages.voxelization.opacity import OpacityVoxelizationConfig
 
 LEAST_SCATTERING_COUNT = 2
 """Surface scatterings between emitter and eye of the simplest indirect light: one bounce."""
+
+SkyLighting = Literal["maps", "cones"]
+"""How the environment lights voxels: by reflective shadow maps, or by the voxels' own cones."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +57,13 @@ class RenderConfig:
     """Cones by which voxels gather light from voxels."""
     slot_surfaces: SlotSurfacesConfig = field(default_factory=SlotSurfacesConfig)
     """How the surfaces are found that voxels gather light for."""
+    sky_lighting: SkyLighting = "maps"
+    """How the environment lights voxels: "maps" or "cones"."""
+    sky_in_cones: bool = False
+    """Whether cones that leave the clipmap see the environment: then its light, which is direct,
+    is part of the frame, and must not be added to it by another renderer again."""
+    sky: SkyConfig = field(default_factory=SkyConfig)
+    """How the environment is averaged for cones."""
 
     def __post_init__(self) -> None:
         """Refuse an empty picture, and one without indirect light."""
@@ -63,6 +75,11 @@ class RenderConfig:
             raise ValueError(
                 f"RenderConfig.scattering_count must be >= {LEAST_SCATTERING_COUNT}, "
                 f"got {self.scattering_count}: light of one scattering is direct."
+            )
+        if self.sky_lighting not in get_args(SkyLighting):
+            raise ValueError(
+                f"RenderConfig.sky_lighting must be one of {get_args(SkyLighting)}, "
+                f"got {self.sky_lighting!r}."
             )
 
     @property

@@ -1,8 +1,8 @@
 """The order of the stages, and nothing else.
 
 scene -> triangles, materials, lights -> plan
-plan -> opacity voxelization -> reflective shadow maps -> injection -> bounces
-bounces -> downsampling = volume
+plan -> opacity voxelization -> reflective shadow maps -> injection -> sky, bounces
+sky, bounces -> downsampling = volume
 volume -> G-buffer -> diffuse cones, specular cones -> composite = frame
 """
 
@@ -15,9 +15,9 @@ from typing import Protocol
 import drjit as dr
 import mitsuba as mi
 
+from vctgi.bounce_pipeline import light_by_cones
 from vctgi.clipmap.regions import count_voxels, window_region
-from vctgi.clipmap.slot_surfaces import SlotSurfaces
-from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap, VoxelVolume, pack_volume
+from vctgi.clipmap.storage import OpacityClipmap, VoxelVolume, pack_volume
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
 from vctgi.maths.directions import TEA_ROUNDS, kronecker_points, random_unit
@@ -26,9 +26,9 @@ from vctgi.plan import Plan, plan_render
 from vctgi.scene.lights import list_lights
 from vctgi.scene.materials import Material, describe_material
 from vctgi.scene.records import GBuffer
+from vctgi.scene.sky import PrefilteredSky, prefilter_sky
 from vctgi.scene.surfaces import VoxelSurfaces, select_surfaces
 from vctgi.scene.triangles import SceneTriangles, extract_triangles
-from vctgi.stages.bounces import Gather, bounce_light, slot_receivers
 from vctgi.stages.composite import IndirectLight, composite
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
 from vctgi.stages.cone_tracing.specular import trace_specular
@@ -36,7 +36,6 @@ from vctgi.stages.downsampling import downsample
 from vctgi.stages.gbuffer import trace_gbuffer
 from vctgi.stages.light_injection import inject_light
 from vctgi.stages.reflective_shadow_map import render_reflective_shadow_maps
-from vctgi.stages.slot_surfaces.slots import describe_slots
 from vctgi.stages.voxelization.opacity import voxelize_triangles
 from vctgi.stages.voxelization.triangles import DeviceTriangles, upload_triangles
 from vctgi.stages.voxelization.update import changed_bounds, update_opacity
@@ -66,6 +65,8 @@ class PreparedScene:
         Geometry, what its BSDFs contribute, and the sides that are voxelized.
     plan
         What is run and what is left out.
+    sky
+        The environment for cones, if any of them see it.
     """
 
     scene: mi.Scene
@@ -74,6 +75,7 @@ class PreparedScene:
     materials: list[Material]
     surfaces: VoxelSurfaces
     plan: Plan
+    sky: PrefilteredSky | None = None
 
 
 @dataclass
@@ -109,8 +111,8 @@ class LitVolume:
     texel_count
         Lit points of all reflective shadow maps.
     bounce_fluxes
-        Flux that the voxels emit after each scattering, the first the injected one's, W; empty
-        where light goes straight from the injection to the eye.
+        Flux that the voxels emit after each scattering, W; empty where light goes straight from
+        the injection to the eye.
     """
 
     volume: VoxelVolume
@@ -159,8 +161,12 @@ def prepare_scene(
         triangles = extract_triangles(scene)
         materials = [describe_material(bsdf) for bsdf in triangles.bsdfs]
         surfaces = select_surfaces(scene, sensor, triangles, materials)
-        plan = plan_render(scene, sensor, triangles, materials, lights, config.clipmap)
-    return PreparedScene(scene, sensor, triangles, materials, surfaces, plan)
+        plan = plan_render(scene, sensor, triangles, materials, lights, config)
+    sky = None
+    if plan.has_sky_in_cones or plan.has_sky_by_cones:
+        with clock("sky"):
+            sky = prefilter_sky(scene.environment(), config.sky)
+    return PreparedScene(scene, sensor, triangles, materials, surfaces, plan, sky)
 
 
 def voxelize_scene(
@@ -225,54 +231,15 @@ def light_volume(
     with clock("light injection"):
         emittance = inject_light(maps, opacity)
     fluxes: list[float] = []
-    if config.bounce_count > 0:
-        emittance, fluxes = _bounce(prepared, voxels, emittance, config, clock)
+    if plan.bounce_count > 0 or plan.has_sky_by_cones:
+        emittance, fluxes = light_by_cones(
+            prepared.scene, voxels.surfaces, opacity, emittance, config, prepared.sky, clock
+        )
     with clock("downsampling"):
         merged, lit = downsample(opacity, emittance)
         assert lit is not None, "downsampling keeps the emittance it is given"
         volume = pack_volume(merged, lit, config.storage)
     return LitVolume(volume, lit.lost_flux_share, sum(m.texel_count for m in maps), fluxes)
-
-
-def _bounce(
-    prepared: PreparedScene,
-    voxels: SceneVoxels,
-    injected: EmittanceClipmap,
-    config: RenderConfig,
-    clock: StageClock,
-) -> tuple[EmittanceClipmap, list[float]]:
-    """Add the light that lit voxels send to other voxels."""
-    with clock("slot surfaces"):
-        surfaces = describe_slots(
-            prepared.scene, voxels.surfaces, voxels.opacity, config.slot_surfaces
-        )
-    with clock("bounces"):
-        gather = slot_gatherer(prepared.scene, surfaces, voxels.opacity, config)
-        bounced = bounce_light(injected, surfaces, gather, config.bounce_count, config.bounces)
-    return bounced.emittance, bounced.fluxes
-
-
-def slot_gatherer(
-    scene: mi.Scene,
-    surfaces: list[SlotSurfaces],
-    opacity: OpacityClipmap,
-    config: RenderConfig,
-) -> Gather:
-    """Return what brings the light of voxels to slots by cones."""
-    receivers = [slot_receivers(each) if each.count else None for each in surfaces]
-
-    def gather(emittance: EmittanceClipmap) -> list[mi.Color3f]:
-        merged, lit = downsample(opacity, emittance)
-        assert lit is not None, "downsampling keeps the emittance it is given"
-        volume = pack_volume(merged, lit, config.storage)
-        return [
-            dr.zeros(mi.Color3f, 0)
-            if each is None
-            else trace_diffuse(each, volume, config.bounce_cones, scene)
-            for each in receivers
-        ]
-
-    return gather
 
 
 def gather_light(
@@ -283,10 +250,11 @@ def gather_light(
     clock: StageClock = no_clock,
 ) -> IndirectLight:
     """Trace the cones of visible points and put their light together."""
-    with clock("diffuse cones"):
-        incident = trace_diffuse(gbuffer, volume, config.diffuse, prepared.scene)
-        dr.eval(incident)
     plan = prepared.plan
+    sky = prepared.sky if plan.has_sky_in_cones else None
+    with clock("diffuse cones"):
+        incident = trace_diffuse(gbuffer, volume, config.diffuse, prepared.scene, sky)
+        dr.eval(incident)
     specular = None
     if plan.has_specular or plan.has_passing:
         with clock("specular cones"):
@@ -296,6 +264,7 @@ def gather_light(
                 config.specular,
                 has_specular=plan.has_specular,
                 has_passing=plan.has_passing,
+                sky=sky,
             )
             dr.eval(specular)
     with clock("composite"):

@@ -17,6 +17,7 @@ from vctgi.clipmap.levels import (
     ClipmapLayout,
     lay_out_clipmap,
 )
+from vctgi.config import RenderConfig
 from vctgi.scene.camera import survey_rays, viewer
 from vctgi.scene.lights import Light
 from vctgi.scene.materials import Material
@@ -56,6 +57,12 @@ class Plan:
         Whether light that passes straight through masks and thin glass is traced.
     lights
         Emitters that get a reflective shadow map.
+    has_sky_in_cones
+        Whether cones that leave the clipmap see the environment.
+    has_sky_by_cones
+        Whether the environment lights voxels by their own cones, not by a map.
+    bounce_count
+        Most scatterings from voxel to voxel.
     entries
         The decisions in words.
     """
@@ -64,6 +71,9 @@ class Plan:
     has_specular: bool
     has_passing: bool
     lights: tuple[Light, ...]
+    has_sky_in_cones: bool
+    has_sky_by_cones: bool
+    bounce_count: int
     entries: tuple[PlanEntry, ...]
 
 
@@ -73,7 +83,7 @@ def plan_render(
     triangles: SceneTriangles,
     materials: list[Material],
     lights: list[Light],
-    config: ClipmapConfig,
+    config: RenderConfig,
 ) -> Plan:
     """Decide what a scene needs.
 
@@ -84,9 +94,12 @@ def plan_render(
     triangles, materials, lights
         What was read off the scene.
     config
-        Size of the clipmap; what it leaves open is chosen here.
+        What is asked for; what it leaves open about the clipmap is chosen here.
     """
-    layout, layout_entries = _choose_layout(scene, sensor, triangles, config)
+    layout, layout_entries = _choose_layout(scene, sensor, triangles, config.clipmap)
+    has_sky = scene.environment() is not None
+    by_cones = has_sky and config.sky_lighting == "cones"
+    mapped = [each for each in lights if not (by_cones and each.emitter.is_environment())]
     glossy = [m.kind for m in materials if m.has_specular]
     passing = [m.kind for m in materials if m.has_null]
     entries = [
@@ -109,29 +122,79 @@ def plan_render(
         ),
         PlanEntry(
             item="reflective shadow maps",
-            kept=bool(lights),
-            reason=f"{len(lights)} emitters",
+            kept=bool(mapped),
+            reason=f"{len(mapped)} emitters",
         ),
+        _bounce_entry(config),
         PlanEntry(
             item="emission in voxels",
             kept=False,
             reason="light straight from an emitter is direct light, which Mitsuba renders",
             saved="emittance voxelization",
         ),
-        PlanEntry(
-            item="environment at the end of a cone",
-            kept=False,
-            reason="light straight from the sky is direct light, which Mitsuba renders",
-            saved="one lookup a cone",
-        ),
+        *_sky_entries(config, has_sky=has_sky),
     ]
     return Plan(
         layout=layout,
         has_specular=bool(glossy),
         has_passing=bool(passing),
-        lights=tuple(lights),
+        lights=tuple(mapped),
+        has_sky_in_cones=has_sky and config.sky_in_cones,
+        has_sky_by_cones=by_cones,
+        bounce_count=config.bounce_count,
         entries=tuple(entries),
     )
+
+
+def _bounce_entry(config: RenderConfig) -> PlanEntry:
+    """Say which bounces are traced, and when they stop."""
+    if config.bounce_count == 0:
+        return PlanEntry(
+            item="bounces from voxel to voxel",
+            kept=False,
+            reason=f"scattering_count = {config.scattering_count}: one bounce, from lit voxels to "
+            "the eye",
+            saved="cones of every voxel with a surface",
+        )
+    share = config.bounces.min_bounce_share
+    return PlanEntry(
+        item="bounces from voxel to voxel",
+        kept=True,
+        reason=f"scattering_count = {config.scattering_count}: up to {config.bounce_count}, "
+        f"stopping once one adds less than {share:g} of the flux before it",
+    )
+
+
+def _sky_entries(config: RenderConfig, *, has_sky: bool) -> list[PlanEntry]:
+    """Say where the environment is looked up."""
+    if not has_sky:
+        reason = "the scene has no environment"
+    elif config.sky_in_cones:
+        reason = "asked for: the frame holds the direct light of the sky too"
+    else:
+        reason = "light straight from the sky is direct light, which Mitsuba renders"
+    is_seen = has_sky and config.sky_in_cones
+    entries = [
+        PlanEntry(
+            item="environment at the end of a cone",
+            kept=is_seen,
+            reason=reason,
+            saved="" if is_seen else "one lookup a cone",
+        )
+    ]
+    if has_sky:
+        is_kept = config.sky_lighting == "cones"
+        entries.append(
+            PlanEntry(
+                item="environment at the end of a voxel's cone",
+                kept=is_kept,
+                reason="lights the voxels in the place of a reflective shadow map"
+                if is_kept
+                else "a reflective shadow map of it lights the voxels",
+                saved="" if is_kept else "cones of every voxel with a surface",
+            )
+        )
+    return entries
 
 
 def _choose_layout(

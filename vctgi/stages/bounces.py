@@ -101,7 +101,7 @@ def bounce_light(
             break
         last = reflect(last, surfaces, gather(last))
         lit.fluxes.append(emitted_flux(last, surfaces))
-        lit.emittance = _sum(lit.emittance, last)
+        lit.emittance = add_light(lit.emittance, last)
         if keeps_parts:
             lit.parts.append(last)
     return lit
@@ -166,7 +166,7 @@ def slot_receivers(surfaces: SlotSurfaces) -> GBuffer:
     )
 
 
-def _sum(first: EmittanceClipmap, second: EmittanceClipmap) -> EmittanceClipmap:
+def add_light(first: EmittanceClipmap, second: EmittanceClipmap) -> EmittanceClipmap:
     """Add two lights; what the first says about its injection stays."""
     levels = [a + b for a, b in zip(first.levels, second.levels, strict=True)]
     dr.eval(levels)

@@ -132,8 +132,9 @@ def _describe(
     voxel = voxel_from_texel(index % dr.opaque(mi.UInt32, level.voxel_count), level)
     place = mi.Vector3f(voxel) + 0.5 + sums.offset * per_share
     up = mi.Vector3f(0.0, 0.0, 1.0)
-    normal = mi.Vector3f(dr.select(is_known, dr.normalize(sums.normal), up))
-    unknown = float(dr.sum(dr.select(is_known, 0.0, alpha))[0]) / float(dr.sum(alpha)[0])
+    normal = mi.Vector3f(dr.select(is_known, mi.Vector3f(dr.normalize(sums.normal)), up))
+    unseen = dr.select(is_known, mi.Float(0.0), alpha)
+    unknown = float(dr.sum(unseen)[0]) / float(dr.sum(alpha)[0])
     # The albedo of a rough lobe is an estimate, whose noise may exceed 1.
     albedo = dr.minimum(sums.reflected * per_share, mi.Color3f(1.0))
     result = SlotSurfaces(
