@@ -51,9 +51,7 @@ class RenderConfig:
     one bounce."""
     bounces: BouncesConfig = field(default_factory=BouncesConfig)
     """When bounces stop before that."""
-    bounce_cones: DiffuseConesConfig = field(
-        default_factory=lambda: DiffuseConesConfig(near_field_voxels=2.0)
-    )
+    bounce_cones: DiffuseConesConfig = field(default_factory=lambda: _diffuse(32, -1.5, 2.0))
     """Cones by which voxels gather light from voxels."""
     slot_surfaces: SlotSurfacesConfig = field(default_factory=SlotSurfacesConfig)
     """How the surfaces are found that voxels gather light for."""
