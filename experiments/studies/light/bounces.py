@@ -6,6 +6,7 @@ one is given exactly, so that no light map is to blame.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -24,7 +25,7 @@ from vctgi.bounce_pipeline import slot_gatherer
 from vctgi.clipmap.slot_surfaces import SlotSurfaces
 from vctgi.clipmap.storage import EmittanceClipmap
 from vctgi.maths.directions import DIRECTION_COUNT
-from vctgi.stages.bounces import BouncesConfig, Gather, emitted_flux, reflect
+from vctgi.stages.bounces import BouncesConfig, Gather, reflect
 from vctgi.stages.slot_surfaces.slots import describe_slots
 from vctgi.stages.voxelization.opacity import voxelize_opacity
 
@@ -32,7 +33,10 @@ PLACEMENTS = {"axis": False, "turned": True}
 """Whether the scene is turned by 33 degrees about (1, 2, 3) against the lattice."""
 
 ALBEDOS = (0.2, 0.5, 0.8)
-LARGE_ALBEDOS = (0.5, 0.8, 0.95, 0.99)
+RADIUS_ALBEDOS = (0.5, 0.8, 0.95, 0.99)
+
+CHAINS = (ALBEDOS, (0.8, 0.95, 0.99))
+"""Albedos that are measured at a time, a channel of colour each."""
 
 SCATTERING_COUNT = 8
 """Scatterings in the furnace after the one that is given."""
@@ -44,7 +48,7 @@ MOST_AT_A_POINT = 1.001
 LARGEST_SPREAD = 0.02
 """Of the share that a scattering keeps: largest over least, less 1."""
 
-POWER_STEPS = (40, 12)
+POWER_STEPS = (24, 8)
 """Scatterings of the power iteration, in the whole study and in the quick one."""
 
 CORNELL_COUNTS = (2, 3, 4)
@@ -75,11 +79,22 @@ class Box:
     gather: Gather
     lit: EmittanceClipmap
 
-    def of_albedo(self, albedo: float) -> list[SlotSurfaces]:
-        """Return the surfaces as if they all reflected one share."""
+    def of_albedos(self, albedos: tuple[float, ...]) -> list[SlotSurfaces]:
+        """Return the surfaces as if they all reflected these shares, one a channel."""
         return [
-            replace(each, albedo=dr.full(mi.Color3f, albedo, each.count)) for each in self.surfaces
+            replace(each, albedo=dr.zeros(mi.Color3f, each.count) + mi.Color3f(*albedos))
+            for each in self.surfaces
         ]
+
+    def fluxes(self, light: EmittanceClipmap) -> np.ndarray:
+        """Flux [channel] that all slots emit, W."""
+        total = np.zeros(3)
+        for each in self.surfaces:
+            if each.count:
+                color = dr.gather(mi.Color3f, light.levels[each.level.level], each.index)
+                area = math.pi * each.level.voxel_size**2
+                total += area * np.array(color, dtype=np.float64).sum(axis=1)
+        return total
 
 
 def _box(context: StudyContext, placement: str) -> Box:
@@ -105,32 +120,43 @@ def _box(context: StudyContext, placement: str) -> Box:
 
 @dataclass(frozen=True)
 class Chain:
-    """Scattering after scattering: flux of each, and the largest gathered radiance over truth."""
+    """Scattering after scattering, for one albedo."""
 
+    albedo: float
     fluxes: np.ndarray
+    """Of each scattering, the given one first, W."""
     largest: float
+    """Largest radiance that a slot gathered, over the closed form."""
 
-    def kept(self, albedo: float) -> np.ndarray:
+    @property
+    def kept(self) -> np.ndarray:
         """Share of the closed form's light that each scattering keeps."""
-        found: np.ndarray = self.fluxes[1:] / self.fluxes[:-1] / albedo
+        found: np.ndarray = self.fluxes[1:] / self.fluxes[:-1] / self.albedo
         return found
 
 
 def _chain(context: StudyContext, placement: str, albedo: float, count: int) -> Chain:
-    def scatter() -> Chain:
+    """Return `count` scatterings after the given one."""
+    albedos = next(each for each in CHAINS if albedo in each)
+
+    def scatter() -> tuple[np.ndarray, np.ndarray]:
         box = _box(context, placement)
-        surfaces = box.of_albedo(albedo)
-        light, fluxes, largest = box.lit, [emitted_flux(box.lit, surfaces)], 0.0
+        surfaces = box.of_albedos(albedos)
+        light, fluxes, largest = box.lit, [box.fluxes(box.lit)], np.zeros(3)
         for number in range(count):
             context.progress("scatterings", number / count)
             gathered = box.gather(light)
-            peak = max(float(dr.max(dr.max(each))[0]) for each in gathered if dr.width(each))
-            largest = max(largest, peak / albedo**number)
+            truth = np.array(albedos) ** number
+            for each in gathered:
+                if dr.width(each):
+                    largest = np.maximum(largest, np.array(each).max(axis=1) / truth)
             light = reflect(light, surfaces, gathered)
-            fluxes.append(emitted_flux(light, surfaces))
-        return Chain(np.array(fluxes), largest)
+            fluxes.append(box.fluxes(light))
+        return np.array(fluxes), largest
 
-    return context.once(f"chain, {placement}, {albedo}, {count}", scatter)
+    fluxes, largest = context.once(f"chain, {placement}, {albedos}, {count}", scatter)
+    channel = albedos.index(albedo)
+    return Chain(albedo, fluxes[:, channel], float(largest[channel]))
 
 
 def _furnaces() -> list[Check]:
@@ -157,7 +183,7 @@ def _furnaces() -> list[Check]:
 
 
 def _least_kept(context: StudyContext, placement: str, albedo: float) -> Measured:
-    kept = _chain(context, placement, albedo, SCATTERING_COUNT).kept(albedo)
+    kept = _chain(context, placement, albedo, SCATTERING_COUNT).kept
     return Measured(value=float(kept.min()))
 
 
@@ -166,7 +192,7 @@ def _largest(context: StudyContext, placement: str, albedo: float) -> Measured:
 
 
 def _spread_of_kept(context: StudyContext, placement: str, albedo: float) -> Measured:
-    kept = _chain(context, placement, albedo, SCATTERING_COUNT).kept(albedo)
+    kept = _chain(context, placement, albedo, SCATTERING_COUNT).kept
     return Measured(value=float(kept.max() / kept.min() - 1.0))
 
 
@@ -179,7 +205,7 @@ def _sum_of_light(context: StudyContext, placement: str, albedo: float) -> Measu
 
 def _contraction() -> list[Check]:
     found = []
-    for albedo in LARGE_ALBEDOS:
+    for albedo in RADIUS_ALBEDOS:
         for placement in PLACEMENTS:
             found.append(
                 Check(
@@ -192,7 +218,7 @@ def _contraction() -> list[Check]:
                     goal=albedo,
                 )
             )
-    for albedo in LARGE_ALBEDOS:
+    for albedo in RADIUS_ALBEDOS:
         found.append(
             Check(
                 name=f"light left out when bounces stop, albedo {albedo:g}",
