@@ -1,4 +1,4 @@
-"""Study "light": does the power of every light arrive in the voxels, in the right place?
+"""Study "light": how the power of every light arrives in the voxels, and what becomes of it.
 
 The study is the sum of its parts, one module each.
 """

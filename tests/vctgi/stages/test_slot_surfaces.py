@@ -16,6 +16,7 @@ from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.scene.materials import describe_material
 from vctgi.scene.surfaces import select_surfaces
 from vctgi.scene.triangles import extract_triangles
+from vctgi.stages.slot_surfaces.samples import sample_surfaces
 from vctgi.stages.slot_surfaces.slots import SlotSurfacesConfig, describe_slots
 from vctgi.stages.voxelization.opacity import voxelize_opacity
 
@@ -76,6 +77,18 @@ def test_sums_do_not_depend_on_the_run() -> None:
         np.testing.assert_array_equal(
             np.array(getattr(first, name)), np.array(getattr(second, name))
         )
+
+
+def test_points_do_not_depend_on_the_order_of_triangles() -> None:
+    level = lay_out_clipmap(
+        (0.0, 0.0, 0.0), finest_voxel_size=0.2, level_count=1, resolution=16
+    ).levels[0]
+    triangles = np.random.default_rng(1).uniform(-1.0, 1.0, (20, 3, 3))
+    forwards, backwards = (
+        sample_surfaces(each, level, 8.0)[0] for each in (triangles, triangles[::-1])
+    )
+    as_rows = [each[np.lexsort(each.T)] for each in (forwards, backwards)]
+    np.testing.assert_array_equal(as_rows[0], as_rows[1])
 
 
 def test_rough_surfaces_reflect_no_more_than_they_get() -> None:

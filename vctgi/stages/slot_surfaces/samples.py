@@ -13,8 +13,8 @@ import mitsuba as mi
 import numpy as np
 
 from vctgi.clipmap.levels import LevelLayout
-from vctgi.maths.directions import kronecker_points, random_unit
-from vctgi.maths.stub_gaps import as_component, as_mask
+from vctgi.maths.directions import TEA_ROUNDS, kronecker_points, random_unit
+from vctgi.maths.stub_gaps import as_bits, as_component, as_mask
 from vctgi.scene.reflectance import hemispherical_albedo
 
 SAMPLES_PER_FACE = 8.0
@@ -88,13 +88,13 @@ def shade_surfaces(
     ray = mi.Ray3f(mi.Point3f(dr.fma(normal, lift, position)), -normal)
     ray.maxt = as_component(4.0 * lift)
     si = scene.ray_intersect(ray, as_mask(True))
-    lane = dr.arange(mi.UInt32, len(points))
-    place = mi.Point2f(*(random_unit(lane, INCIDENCE_STREAM + i) for i in range(2)))
+    number = _hash_of(position)
+    place = mi.Point2f(*(random_unit(number, INCIDENCE_STREAM + i) for i in range(2)))
     from_front = mi.warp.square_to_cosine_hemisphere(place)
     si.wi = dr.select(mi.Frame3f.cos_theta(si.wi) < 0.0, -from_front, from_front)
     is_found = si.is_valid()
     opaque = 1.0 - mi.Float(dr.mean(mi.Color3f(si.bsdf().eval_null_transmission(si))))
-    albedo = hemispherical_albedo(si, lane)
+    albedo = hemispherical_albedo(si, number)
     samples = SurfaceSamples(
         position=position,
         normal=normal,
@@ -103,6 +103,15 @@ def shade_surfaces(
     )
     dr.eval(samples)
     return samples
+
+
+def _hash_of(position: mi.Point3f) -> mi.UInt32:
+    """Return a number for each point that depends on nothing but where it is."""
+    number = mi.UInt32(0)
+    for coordinate in position:
+        bits = mi.UInt32(dr.reinterpret_array(mi.UInt32, mi.Float(coordinate)))
+        number = mi.UInt32(mi.sample_tea_32(as_bits(number), as_bits(bits), TEA_ROUNDS)[0])
+    return number
 
 
 def sample_surfaces(
@@ -134,7 +143,9 @@ def sample_surfaces(
     wanted *= min(1.0, LARGEST_SAMPLE_COUNT / float(wanted.sum()))
     counts = np.maximum(np.ceil(wanted), 1.0).astype(np.int64)
     owner = np.repeat(np.arange(len(parts)), counts)
-    place = np.array(kronecker_points(dr.arange(mi.UInt32, len(owner))), dtype=np.float64)
+    # Each part has a sequence of its own, so that its points do not depend on other triangles.
+    local = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+    place = np.array(kronecker_points(mi.UInt32(local.astype(np.uint32))), dtype=np.float64)
     # A square folded along its diagonal covers a triangle evenly.
     s, t = np.where(place.sum(axis=0) > 1.0, 1.0 - place, place)
     a, b, c = (parts[owner, corner] for corner in range(3))
