@@ -113,7 +113,7 @@ def reference_file(
         truth = reference.render_reference(
             loaded.scene,
             sensor=loaded.sensor_index,
-            request=reference_request(options),
+            request=reference_request(options, vctgi.preset(options.preset)),
             cache_directory=options.cache_directory,
             progress=lambda share: progress("path tracing", share),
         )

@@ -16,7 +16,7 @@ from experiments.record import RunResult, keep_record
 from experiments.scenes import LoadedScene
 from experiments.timing import StageTimer
 from reports.record import Record
-from vctgi.config import SCATTERING_COUNT, RenderConfig
+from vctgi.config import RenderConfig
 from vctgi.pipeline import Frame, LitVolume, PreparedScene
 
 BATCH_COUNT = 8
@@ -91,7 +91,7 @@ def run_scene(
     truth = reference.render_reference(
         loaded.scene,
         sensor=loaded.sensor_index,
-        request=reference_request(options),
+        request=reference_request(options, config),
         cache_directory=options.cache_directory,
         progress=lambda share: progress("path tracing", share),
     )
@@ -142,12 +142,12 @@ def _require_light(batches: np.ndarray, source: str) -> None:
         )
 
 
-def reference_request(options: RunOptions) -> reference.ReferenceRequest:
+def reference_request(options: RunOptions, config: RenderConfig) -> reference.ReferenceRequest:
     """Return what is asked of the path tracer: the transport that the cones render."""
     return reference.ReferenceRequest(
         samples_per_pixel=options.reference_spp,
         batch_count=options.batch_count,
-        scattering_count=SCATTERING_COUNT,
+        scattering_count=config.scattering_count,
         seed=options.seed,
     )
 

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
 
 from vctgi.clipmap.levels import ClipmapConfig
 from vctgi.clipmap.storage import StorageConfig
+from vctgi.scene.sky import SkyConfig
+from vctgi.stages.bounces import BouncesConfig
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig
 from vctgi.stages.cone_tracing.march import ConeMarchConfig
 from vctgi.stages.cone_tracing.specular import SpecularConesConfig
 from vctgi.stages.gbuffer import GBufferConfig
 from vctgi.stages.light_injection import LightInjectionConfig
 from vctgi.stages.reflective_shadow_map import ReflectiveShadowMapConfig
+from vctgi.stages.slot_surfaces.slots import SlotSurfacesConfig
 from vctgi.stages.voxelization.opacity import OpacityVoxelizationConfig
 
-SCATTERING_COUNT = 2
-"""Surface scatterings between emitter and eye of the light that is rendered: one bounce."""
+LEAST_SCATTERING_COUNT = 2
+"""Surface scatterings between emitter and eye of the simplest indirect light: one bounce."""
+
+SkyLighting = Literal["maps", "cones"]
+"""How the environment lights voxels: by reflective shadow maps, or by the voxels' own cones."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,13 +52,44 @@ class RenderConfig:
     """Specular cones."""
     samples_per_pixel: int = 4
     """Camera rays a pixel, each with cones of its own, >= 1."""
+    scattering_count: int = LEAST_SCATTERING_COUNT
+    """Most surface scatterings between emitter and eye of the light that is rendered, >= 2: 2 is
+    one bounce."""
+    bounces: BouncesConfig = field(default_factory=BouncesConfig)
+    """When bounces stop before that."""
+    bounce_cones: DiffuseConesConfig = field(default_factory=lambda: _diffuse(32, -1.5, 2.0))
+    """Cones by which voxels gather light from voxels."""
+    slot_surfaces: SlotSurfacesConfig = field(default_factory=SlotSurfacesConfig)
+    """How the surfaces are found that voxels gather light for."""
+    sky_lighting: SkyLighting = "maps"
+    """How the environment lights voxels: "maps" or "cones"."""
+    sky_in_cones: bool = False
+    """Whether cones that leave the clipmap see the environment: then its light, which is direct,
+    is part of the frame, and must not be added to it by another renderer again."""
+    sky: SkyConfig = field(default_factory=SkyConfig)
+    """How the environment is averaged for cones."""
 
     def __post_init__(self) -> None:
-        """Refuse an empty picture."""
+        """Refuse an empty picture, and one without indirect light."""
         if self.samples_per_pixel < 1:
             raise ValueError(
                 f"RenderConfig.samples_per_pixel must be >= 1, got {self.samples_per_pixel}."
             )
+        if self.scattering_count < LEAST_SCATTERING_COUNT:
+            raise ValueError(
+                f"RenderConfig.scattering_count must be >= {LEAST_SCATTERING_COUNT}, "
+                f"got {self.scattering_count}: light of one scattering is direct."
+            )
+        if self.sky_lighting not in get_args(SkyLighting):
+            raise ValueError(
+                f"RenderConfig.sky_lighting must be one of {get_args(SkyLighting)}, "
+                f"got {self.sky_lighting!r}."
+            )
+
+    @property
+    def bounce_count(self) -> int:
+        """Scatterings from voxel to voxel, between the first one and the one that is seen."""
+        return self.scattering_count - LEAST_SCATTERING_COUNT
 
 
 def _diffuse(cone_count: int, level_bias: float, near_field_voxels: float) -> DiffuseConesConfig:

@@ -1,8 +1,8 @@
 """The Mitsuba plugin `vctgi`: a sampling integrator that replaces indirect light by cones.
 
-Emission and direct light come from Mitsuba's own `direct` integrator; light of one bounce comes
-from voxel cones. The voxels are made anew at every `render`, so scene parameters that were changed
-through `mi.traverse` are seen.
+Emission and direct light come from Mitsuba's own `direct` integrator; light of one bounce, or of as
+many as are asked for, comes from voxel cones. The voxels are made anew at every `render`, so scene
+parameters that were changed through `mi.traverse` are seen.
 """
 
 from __future__ import annotations
@@ -73,8 +73,10 @@ def _config_from_properties(props: mi.Properties) -> tuple[str, RenderConfig]:
     resolution = int(get("resolution", config.clipmap.resolution))
     cone_count = int(get("cone_count", config.diffuse.cone_count))
     scale = float(get("aperture_scale", config.diffuse.aperture_scale))
+    scattering_count = int(get("scattering_count", config.scattering_count))
     return name, replace(
         config,
+        scattering_count=scattering_count,
         clipmap=replace(config.clipmap, resolution=resolution),
         diffuse=replace(config.diffuse, cone_count=cone_count, aperture_scale=scale),
     )
@@ -84,11 +86,12 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
     """Return the plugin's class for the variant that is set."""
 
     class VoxelConeTracing(mi.SamplingIntegrator):
-        """Direct light by sampling, one bounce by voxel cone tracing.
+        """Direct light by sampling, indirect light by voxel cone tracing.
 
         Properties: `preset` (one of the named presets, default high), and overrides of it:
-        `resolution`, `cone_count`, `aperture_scale`; `hide_emitters` as in `direct`.
-        Does not: more than one bounce, media, polarisation.
+        `resolution`, `cone_count`, `aperture_scale`, `scattering_count` (surface scatterings
+        between emitter and eye, default 2: one bounce); `hide_emitters` as in `direct`.
+        Does not: media, polarisation.
         """
 
         def __init__(self, props: mi.Properties) -> None:

@@ -1,31 +1,34 @@
 """The order of the stages, and nothing else.
 
 scene -> triangles, materials, lights -> plan
-plan -> opacity voxelization -> reflective shadow maps -> injection -> downsampling = volume
+plan -> opacity voxelization -> reflective shadow maps -> injection -> sky, bounces
+sky, bounces -> downsampling = volume
 volume -> G-buffer -> diffuse cones, specular cones -> composite = frame
 """
 
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import drjit as dr
 import mitsuba as mi
 
+from vctgi.bounce_pipeline import light_by_cones
 from vctgi.clipmap.regions import count_voxels, own_regions
 from vctgi.clipmap.storage import OpacityClipmap, VoxelVolume, pack_volume
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
 from vctgi.maths.directions import TEA_ROUNDS, kronecker_points, random_unit
 from vctgi.maths.stub_gaps import as_bits, as_component
-from vctgi.plan import Plan, keep_emission, plan_render
+from vctgi.plan import Plan, plan_render
 from vctgi.scene.emissive import list_emissive_surfaces
 from vctgi.scene.light_checks import check_lights
 from vctgi.scene.lights import list_lights
 from vctgi.scene.materials import Material, describe_material
 from vctgi.scene.records import GBuffer
+from vctgi.scene.sky import PrefilteredSky, prefilter_sky
 from vctgi.scene.surfaces import VoxelSurfaces, select_surfaces
 from vctgi.scene.triangles import SceneTriangles, extract_triangles
 from vctgi.stages.composite import IndirectLight, composite
@@ -66,6 +69,8 @@ class PreparedScene:
         Geometry, what its BSDFs contribute, and the sides that are voxelized.
     plan
         What is run and what is left out.
+    sky
+        The environment for cones, if any of them see it.
     """
 
     scene: mi.Scene
@@ -74,6 +79,7 @@ class PreparedScene:
     materials: list[Material]
     surfaces: VoxelSurfaces
     plan: Plan
+    sky: PrefilteredSky | None = None
 
 
 @dataclass
@@ -108,11 +114,15 @@ class LitVolume:
         Share of the reflected flux that found no opacity, for each clip level.
     texel_count
         Lit points of all reflective shadow maps.
+    bounce_fluxes
+        Flux that the voxels emit after each scattering, W; empty where light goes straight from
+        the injection to the eye.
     """
 
     volume: VoxelVolume
     lost_flux_share: list[float]
     texel_count: int
+    bounce_fluxes: list[float] = field(default_factory=list)
 
 
 @dataclass
@@ -157,10 +167,12 @@ def prepare_scene(
         triangles = extract_triangles(scene)
         materials = [describe_material(bsdf) for bsdf in triangles.bsdfs]
         surfaces = select_surfaces(scene, sensor, triangles, materials)
-        plan = plan_render(scene, sensor, triangles, materials, lights, config.clipmap)
-        if config.emission_in_voxels:
-            plan = keep_emission(plan)
-    return PreparedScene(scene, sensor, triangles, materials, surfaces, plan)
+        plan = plan_render(scene, sensor, triangles, materials, lights, config)
+    sky = None
+    if plan.has_sky_in_cones or plan.has_sky_by_cones:
+        with clock("sky"):
+            sky = prefilter_sky(scene.environment(), config.sky)
+    return PreparedScene(scene, sensor, triangles, materials, surfaces, plan, sky)
 
 
 def voxelize_scene(
@@ -227,6 +239,11 @@ def light_volume(
             maps = with_radiance(prepared.scene, maps)
     with clock("light injection"):
         emittance = inject_light(maps, opacity, config.injection)
+    fluxes: list[float] = []
+    if plan.bounce_count > 0 or plan.has_sky_by_cones:
+        emittance, fluxes = light_by_cones(
+            prepared.scene, voxels.surfaces, opacity, emittance, config, prepared.sky, clock
+        )
     if config.emission_in_voxels:
         with clock("emittance voxelization"):
             opacity, emitted = voxelize_emission(list_emissive_surfaces(prepared.scene), opacity)
@@ -236,7 +253,7 @@ def light_volume(
         merged, lit = downsample(opacity, emittance)
         assert lit is not None, "downsampling keeps the emittance it is given"
         volume = pack_volume(merged, lit, config.storage)
-    return LitVolume(volume, lit.lost_flux_share, sum(m.texel_count for m in maps))
+    return LitVolume(volume, lit.lost_flux_share, sum(m.texel_count for m in maps), fluxes)
 
 
 def gather_light(
@@ -247,10 +264,11 @@ def gather_light(
     clock: StageClock = no_clock,
 ) -> IndirectLight:
     """Trace the cones of visible points and put their light together."""
-    with clock("diffuse cones"):
-        incident = trace_diffuse(gbuffer, volume, config.diffuse, prepared.scene)
-        dr.eval(incident)
     plan = prepared.plan
+    sky = prepared.sky if plan.has_sky_in_cones else None
+    with clock("diffuse cones"):
+        incident = trace_diffuse(gbuffer, volume, config.diffuse, prepared.scene, sky)
+        dr.eval(incident)
     specular = None
     if plan.has_specular or plan.has_passing:
         with clock("specular cones"):
@@ -260,6 +278,7 @@ def gather_light(
                 config.specular,
                 has_specular=plan.has_specular,
                 has_passing=plan.has_passing,
+                sky=sky,
             )
             dr.eval(specular)
     with clock("composite"):

@@ -6,7 +6,7 @@ code for the rest. It is data: it prints as a table and stands in every record.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mitsuba as mi
 import numpy as np
@@ -17,6 +17,7 @@ from vctgi.clipmap.levels import (
     ClipmapLayout,
     lay_out_clipmap,
 )
+from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
 from vctgi.scene.camera import survey_rays, viewer
 from vctgi.scene.lights import Light
@@ -36,10 +37,6 @@ MAX_FAR_RATIO = 1e4
 LAMP_SURVEY_EDGES = (32, 128)
 """Rays along an edge of the map by which a lamp is judged; the second where none of the first
 landed."""
-
-
-EMISSION = "emission in voxels"
-"""Name of a decision that a configuration may turn round."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +63,12 @@ class Plan:
         Whether light that passes straight through masks and thin glass is traced.
     lights
         Emitters that get a reflective shadow map.
+    has_sky_in_cones
+        Whether cones that leave the clipmap see the environment.
+    has_sky_by_cones
+        Whether the environment lights voxels by their own cones, not by a map.
+    bounce_count
+        Most scatterings from voxel to voxel.
     entries
         The decisions in words.
     """
@@ -74,6 +77,9 @@ class Plan:
     has_specular: bool
     has_passing: bool
     lights: tuple[Light, ...]
+    has_sky_in_cones: bool
+    has_sky_by_cones: bool
+    bounce_count: int
     entries: tuple[PlanEntry, ...]
 
 
@@ -83,7 +89,7 @@ def plan_render(
     triangles: SceneTriangles,
     materials: list[Material],
     lights: list[Light],
-    config: ClipmapConfig,
+    config: RenderConfig,
 ) -> Plan:
     """Decide what a scene needs.
 
@@ -94,10 +100,13 @@ def plan_render(
     triangles, materials, lights
         What was read off the scene.
     config
-        Size of the clipmap; what it leaves open is chosen here.
+        What is asked for; what it leaves open about the clipmap is chosen here.
     """
-    layout, layout_entries = _choose_layout(scene, sensor, triangles, config)
+    layout, layout_entries = _choose_layout(scene, sensor, triangles, config.clipmap)
+    has_sky = scene.environment() is not None
+    by_cones = has_sky and config.sky_lighting == "cones"
     kept_lights, light_entries = _choose_lights(scene, lights, layout)
+    mapped = [each for each in kept_lights if not (by_cones and each.emitter.is_environment())]
     glossy = [m.kind for m in materials if m.has_specular]
     passing = [m.kind for m in materials if m.has_null]
     entries = [
@@ -120,37 +129,88 @@ def plan_render(
         ),
         PlanEntry(
             item="reflective shadow maps",
-            kept=bool(kept_lights),
-            reason=f"{len(kept_lights)} emitters",
+            kept=bool(mapped),
+            reason=f"{len(mapped)} emitters",
         ),
         *light_entries,
-        PlanEntry(
-            item=EMISSION,
-            kept=False,
-            reason="light straight from an emitter is direct light, which Mitsuba renders",
-            saved="emittance voxelization",
-        ),
-        PlanEntry(
-            item="environment at the end of a cone",
-            kept=False,
-            reason="light straight from the sky is direct light, which Mitsuba renders",
-            saved="one lookup a cone",
-        ),
+        _bounce_entry(config),
+        _emission_entry(config),
+        *_sky_entries(config, has_sky=has_sky),
     ]
     return Plan(
         layout=layout,
         has_specular=bool(glossy),
         has_passing=bool(passing),
-        lights=tuple(kept_lights),
+        lights=tuple(mapped),
+        has_sky_in_cones=has_sky and config.sky_in_cones,
+        has_sky_by_cones=by_cones,
+        bounce_count=config.bounce_count,
         entries=tuple(entries),
     )
 
 
-def keep_emission(plan: Plan) -> Plan:
-    """Return a plan in which emitters shine from voxels too, because the configuration says so."""
-    kept = PlanEntry(item=EMISSION, kept=True, reason="asked for by emission_in_voxels")
-    entries = [kept if entry.item == EMISSION else entry for entry in plan.entries]
-    return replace(plan, entries=tuple(entries))
+def _emission_entry(config: RenderConfig) -> PlanEntry:
+    """Say whether emitters shine from voxels too."""
+    item = "emission in voxels"
+    if config.emission_in_voxels:
+        return PlanEntry(item=item, kept=True, reason="asked for by emission_in_voxels")
+    return PlanEntry(
+        item=item,
+        kept=False,
+        reason="light straight from an emitter is direct light, which Mitsuba renders",
+        saved="emittance voxelization",
+    )
+
+
+def _bounce_entry(config: RenderConfig) -> PlanEntry:
+    """Say which bounces are traced, and when they stop."""
+    if config.bounce_count == 0:
+        return PlanEntry(
+            item="bounces from voxel to voxel",
+            kept=False,
+            reason=f"scattering_count = {config.scattering_count}: one bounce, from lit voxels to "
+            "the eye",
+            saved="cones of every voxel with a surface",
+        )
+    share = config.bounces.min_bounce_share
+    return PlanEntry(
+        item="bounces from voxel to voxel",
+        kept=True,
+        reason=f"scattering_count = {config.scattering_count}: up to {config.bounce_count}, "
+        f"stopping once one adds less than {share:g} of the flux before it",
+    )
+
+
+def _sky_entries(config: RenderConfig, *, has_sky: bool) -> list[PlanEntry]:
+    """Say where the environment is looked up."""
+    if not has_sky:
+        reason = "the scene has no environment"
+    elif config.sky_in_cones:
+        reason = "asked for: the frame holds the direct light of the sky too"
+    else:
+        reason = "light straight from the sky is direct light, which Mitsuba renders"
+    is_seen = has_sky and config.sky_in_cones
+    entries = [
+        PlanEntry(
+            item="environment at the end of a cone",
+            kept=is_seen,
+            reason=reason,
+            saved="" if is_seen else "one lookup a cone",
+        )
+    ]
+    if has_sky:
+        is_kept = config.sky_lighting == "cones"
+        entries.append(
+            PlanEntry(
+                item="environment at the end of a voxel's cone",
+                kept=is_kept,
+                reason="lights the voxels in the place of a reflective shadow map"
+                if is_kept
+                else "a reflective shadow map of it lights the voxels",
+                saved="" if is_kept else "cones of every voxel with a surface",
+            )
+        )
+    return entries
 
 
 def _choose_layout(

@@ -1,4 +1,4 @@
-"""Study "light": whether the power of every light arrives in the voxels, in the right place.
+"""Measure how the power of every light arrives in the voxels, and what becomes of it.
 
 The study is the sum of its parts, one module each.
 """
@@ -6,9 +6,15 @@ The study is the sum of its parts, one module each.
 from __future__ import annotations
 
 from experiments.studies.check import Check
-from experiments.studies.light import maps
+from experiments.studies.light import bounces, form_factors, injection, maps, sky
 
-PARTS = [maps.checks]
+PARTS = [
+    maps.checks,
+    injection.checks,
+    bounces.checks,
+    form_factors.checks,
+    sky.checks,
+]
 """What is measured, in the order of the table."""
 
 

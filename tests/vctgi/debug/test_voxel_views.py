@@ -13,12 +13,13 @@ from tests.vctgi.small_scenes import camera, color, load
 from vctgi.clipmap.levels import ClipmapLayout
 from vctgi.clipmap.slots import SlotRule
 from vctgi.debug.camera import PixelRays, pixel_rays
-from vctgi.debug.surface_albedo import VoxelAlbedo, split_to_window, voxel_albedo
+from vctgi.debug.surface_albedo import VoxelAlbedo, voxel_albedo
 from vctgi.debug.voxel_views import EDGE_SHADE, VoxelView, view_voxels
 from vctgi.debug.voxels import LevelVoxels, level_voxels
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.scene.surfaces import opaque_surfaces
 from vctgi.scene.triangles import extract_triangles
+from vctgi.stages.slot_surfaces.samples import split_to_window
 from vctgi.stages.voxelization.opacity import OpacityVoxelizationConfig, voxelize_opacity
 
 pytestmark = pytest.mark.usefixtures("variant")

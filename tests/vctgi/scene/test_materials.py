@@ -17,7 +17,7 @@ from vctgi.scene.materials import (
     Material,
     describe_material,
 )
-from vctgi.stages.reflective_shadow_map import hemispherical_albedo
+from vctgi.scene.reflectance import hemispherical_albedo
 
 pytestmark = pytest.mark.usefixtures("variant")
 

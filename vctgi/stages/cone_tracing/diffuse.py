@@ -11,7 +11,9 @@ import mitsuba as mi
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.cones import RINGS, ConeSet, ratio_from_aperture, ring_cone_set
 from vctgi.maths.directions import random_unit
+from vctgi.maths.stub_gaps import as_component
 from vctgi.scene.records import GBuffer
+from vctgi.scene.sky import PrefilteredSky
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, march_cone
 from vctgi.stages.cone_tracing.near_field import trace_near_field
 
@@ -56,6 +58,7 @@ def trace_diffuse(
     volume: VoxelVolume,
     config: DiffuseConesConfig,
     scene: mi.Scene | None = None,
+    sky: PrefilteredSky | None = None,
 ) -> mi.Color3f:
     """Gather indirect diffuse light.
 
@@ -69,6 +72,8 @@ def trace_diffuse(
         Cone set and march.
     scene
         Geometry, which only the near field needs.
+    sky
+        What the share of a cone sees that nothing stops; None: darkness.
 
     Returns
     -------
@@ -80,12 +85,12 @@ def trace_diffuse(
     points = dr.width(gbuffer.position)
     block = max(1, MAX_CONES_PER_PASS // cones.cone_count)
     if points <= block:
-        return _trace_block(gbuffer, volume, cones, config, scene)
+        return _trace_block(gbuffer, volume, cones, config, scene, sky)
     gathered = dr.zeros(mi.Color3f, points)
     for begin in range(0, points, block):
         index = dr.arange(mi.UInt32, min(block, points - begin)) + begin
         part = dr.gather(GBuffer, gbuffer, index)
-        dr.scatter(gathered, _trace_block(part, volume, cones, config, scene), index)
+        dr.scatter(gathered, _trace_block(part, volume, cones, config, scene, sky), index)
         dr.eval(gathered)
     return gathered
 
@@ -96,6 +101,7 @@ def _trace_block(
     cones: ConeSet,
     config: DiffuseConesConfig,
     scene: mi.Scene | None,
+    sky: PrefilteredSky | None,
 ) -> mi.Color3f:
     """Gather the light of as many points as fit one pass."""
     points = dr.width(gbuffer.position)
@@ -129,7 +135,13 @@ def _trace_block(
         traced = march_cone(volume, apex, axis, ratio, phase, config.march, active, near.reach)
         radiance = dr.select(near.is_hit, near.radiance, traced.radiance)
     else:
-        radiance = march_cone(volume, apex, axis, ratio, phase, config.march, active).radiance
+        traced = march_cone(volume, apex, axis, ratio, phase, config.march, active)
+        radiance = traced.radiance
+    if sky is not None:
+        # Cones that hit something nearby are not active any more: they see no sky.
+        aperture = dr.gather(mi.Float, mi.Float(list(cones.apertures)), cone)
+        beyond = sky.read(axis, aperture) * as_component(traced.transmittance)
+        radiance += dr.select(active, beyond, 0.0)
     dr.eval(radiance)
 
     gathered = mi.Color3f(0.0)

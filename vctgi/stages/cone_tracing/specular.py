@@ -10,7 +10,9 @@ import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.directions import random_unit
+from vctgi.maths.stub_gaps import as_component
 from vctgi.scene.records import GBuffer
+from vctgi.scene.sky import PrefilteredSky
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, march_cone
 
 WIDEST_CONE = 0.95 * math.pi
@@ -46,6 +48,7 @@ def trace_specular(
     *,
     has_specular: bool,
     has_passing: bool,
+    sky: PrefilteredSky | None = None,
 ) -> mi.Color3f:
     """Gather the light that glossy lobes reflect, and that masks and thin glass let through.
 
@@ -59,6 +62,8 @@ def trace_specular(
         March and narrowest cone.
     has_specular, has_passing
         Which of the two cones the scene needs.
+    sky
+        What the share of a cone sees that nothing stops; None: darkness.
 
     Returns
     -------
@@ -69,33 +74,35 @@ def trace_specular(
     if has_specular:
         # A lobe that is wider than a cone can be ends at WIDEST_CONE.
         aperture = dr.clip(gbuffer.specular_aperture, config.min_aperture, WIDEST_CONE)
-        seen = _trace(
-            gbuffer, volume, gbuffer.specular_axis, aperture, gbuffer.specular_albedo, config
-        )
-        total += gbuffer.specular_albedo * seen
+        lobe = gbuffer.specular_axis, aperture, gbuffer.specular_albedo
+        total += gbuffer.specular_albedo * _trace(gbuffer, volume, lobe, config, sky)
     if has_passing:
         narrow = mi.Float(config.min_aperture)
-        seen = _trace(gbuffer, volume, gbuffer.ray_direction, narrow, gbuffer.passed, config)
-        total += gbuffer.passed * seen
+        lobe = gbuffer.ray_direction, narrow, gbuffer.passed
+        total += gbuffer.passed * _trace(gbuffer, volume, lobe, config, sky)
     return total
 
 
 def _trace(
     gbuffer: GBuffer,
     volume: VoxelVolume,
-    axis: mi.Vector3f,
-    aperture: mi.Float,
-    weight: mi.Color3f,
+    lobe: tuple[mi.Vector3f, mi.Float, mi.Color3f],
     config: SpecularConesConfig,
+    sky: PrefilteredSky | None,
 ) -> mi.Color3f:
-    """Radiance along one cone of each point whose weight is not zero."""
+    """Radiance along one cone of each point (axis, aperture, weight) whose weight is not zero."""
+    axis, aperture, weight = lobe
     jitter = random_unit(gbuffer.sample_index, PHASE_STREAM) if config.is_jittered else 0.0
     phase = mi.Float(1.0 - jitter)
     active = gbuffer.is_valid & (dr.max(weight) > 0.0)
     ratio = 2.0 * dr.tan(0.5 * aperture)
     cone = march_cone(volume, gbuffer.position, axis, ratio, phase, config.march, active)
-    dr.eval(cone.radiance)
-    return cone.radiance
+    radiance = cone.radiance
+    if sky is not None:
+        beyond = sky.read(axis, aperture) * as_component(cone.transmittance)
+        radiance += dr.select(active, beyond, 0.0)
+    dr.eval(radiance)
+    return radiance
 
 
 PHASE_STREAM = 101

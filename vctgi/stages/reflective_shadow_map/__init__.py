@@ -15,7 +15,6 @@ from vctgi.stages.reflective_shadow_map.config import (
 )
 from vctgi.stages.reflective_shadow_map.distant import survey_distant as survey_distant
 from vctgi.stages.reflective_shadow_map.lamps import survey_lamps as survey_lamps
-from vctgi.stages.reflective_shadow_map.landing import hemispherical_albedo as hemispherical_albedo
 from vctgi.stages.reflective_shadow_map.maps import (
     render_reflective_shadow_maps as render_reflective_shadow_maps,
 )

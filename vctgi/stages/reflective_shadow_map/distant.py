@@ -20,6 +20,7 @@ from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.directions import kronecker_points, kronecker_points_4d, random_unit
 from vctgi.maths.stub_gaps import as_component, as_mask
+from vctgi.scene.extent import scene_bounds
 from vctgi.scene.lights import Light
 from vctgi.stages.reflective_shadow_map.landing import is_seen
 
@@ -158,11 +159,11 @@ class _Cells:
 
 def _aim(scene: mi.Scene, level: LevelLayout) -> tuple[list[float], float, float]:
     """Middle and radius of what a window holds of the scene, and how far away rays start."""
-    box = scene.bbox()
-    low = np.maximum(np.array(box.min).ravel(), level.window_min)
-    high = np.minimum(np.array(box.max).ravel(), level.window_max)
+    scene_low, scene_high = scene_bounds(scene)
+    low = np.maximum(scene_low, level.window_min)
+    high = np.minimum(scene_high, level.window_max)
     high = np.maximum(high, low)
     radius = max(0.5 * float(np.linalg.norm(high - low)), 0.5 * level.voxel_size)
     # From far enough that nothing of the scene stands behind the disc.
-    outside = 2.0 * float(dr.norm(box.extents())) + radius
+    outside = 2.0 * float(np.linalg.norm(scene_high - scene_low)) + radius
     return (0.5 * (low + high)).tolist(), radius, outside

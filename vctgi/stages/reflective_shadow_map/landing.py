@@ -9,9 +9,10 @@ from vctgi.clipmap.addressing import is_inside, texel_from_voxel
 from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.slots import filled_layers, surface_slot
 from vctgi.clipmap.storage import OpacityClipmap
-from vctgi.maths.directions import face_forward, random_unit
-from vctgi.maths.stub_gaps import as_component, as_mask
+from vctgi.maths.directions import face_forward
+from vctgi.maths.stub_gaps import as_mask
 from vctgi.scene.records import ReflectiveShadowMap
+from vctgi.scene.reflectance import hemispherical_albedo
 
 GRAZING_COSINE = 1e-4
 """Below it a geometric cosine is rounding, by which nothing is divided."""
@@ -19,9 +20,6 @@ GRAZING_COSINE = 1e-4
 WINDOW_REACH_VOXELS = 3.0
 """How far outside its window a level still keeps lit points: surfaces fill voxels behind them, up
 to `clipmap.slots.MAX_THICKNESS` away."""
-
-ALBEDO_SAMPLES = 2
-"""BSDF samples for each texel; many texels light a voxel."""
 
 
 def land(
@@ -132,20 +130,3 @@ def meets_front(si: mi.SurfaceInteraction3f, d: mi.Vector3f) -> mi.Bool:
     front, back = (mi.UInt32(int(flag)) for flag in (mi.BSDFFlags.FrontSide, mi.BSDFFlags.BackSide))
     side = dr.select(dr.dot(mi.Vector3f(si.n), d) < 0.0, front, back)
     return mi.Bool(si.is_valid() & ((mi.UInt32(si.bsdf().flags()) & side) != 0))
-
-
-def hemispherical_albedo(si: mi.SurfaceInteraction3f, index: mi.UInt32) -> mi.Color3f:
-    """Share of the light from `si.wi` that a surface reflects, all reflecting lobes together.
-
-    Exact for diffuse BSDFs, whose sample weight is their albedo; for others an unbiased estimate.
-    """
-    bsdf = si.bsdf()
-    albedo = mi.Color3f(0.0)
-    for number in range(ALBEDO_SAMPLES):
-        lobe = (number + random_unit(index, 3 * number)) / ALBEDO_SAMPLES
-        point = mi.Point2f(random_unit(index, 3 * number + 1), random_unit(index, 3 * number + 2))
-        sample, weight = bsdf.sample(mi.BSDFContext(), si, as_component(lobe), point)
-        is_reflection = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Reflection)
-        is_used = is_reflection & (sample.pdf > 0.0)
-        albedo += dr.select(is_used, mi.Color3f(weight), 0.0) / ALBEDO_SAMPLES
-    return albedo

@@ -66,12 +66,12 @@ def voxelize_emission(
     layout = opacity.layout
     alphas = [mi.Float(level) for level in opacity.levels]
     colors = [dr.zeros(mi.Color3f, DIRECTION_COUNT * each.voxel_count) for each in layout.levels]
-    batches = upload_triangles(emissive.surfaces)
-    for level in layout.clip_levels if batches else ():
+    triangles = upload_triangles(emissive.surfaces)
+    for level in layout.clip_levels if triangles.count else ():
         boxes = _boxes(emissive, level, opacity.rule)
         if boxes:
             number = mi.UInt32(emissive.emitter_number)
-            _fill(alphas, colors, batches[0], number, boxes, opacity.rule)
+            _fill(alphas, colors, triangles, number, boxes, opacity.rule)
     lit = EmittanceClipmap(layout, colors, [0.0] * layout.clip_level_count)
     return OpacityClipmap(layout, alphas, opacity.rule), lit
 
@@ -91,7 +91,7 @@ def _boxes(emissive: EmissiveSurfaces, level: LevelLayout, rule: SlotRule) -> li
 def _fill(
     alphas: list[mi.Float],
     colors: list[mi.Color3f],
-    batch: DeviceTriangles,
+    triangles: DeviceTriangles,
     emitter_number: mi.UInt32,
     boxes: list[Region],
     rule: SlotRule,
@@ -99,8 +99,8 @@ def _fill(
     """Overwrite emittance, and raise opacity, in boxes of a level."""
     level = boxes[0].level
     table = region_table(boxes, lambda _: 1)
-    passes = list(enumerate_columns(batch, table, rule, Search(has_rim=True)))
-    radiances = [_mean_radiance(columns, batch, emitter_number) for columns in passes]
+    passes = list(enumerate_columns(triangles, table, rule, Search(has_rim=True)))
+    radiances = [_mean_radiance(columns, triangles, emitter_number) for columns in passes]
     dr.eval(radiances)
     brightest = max((float(dr.max(dr.max(each))[0]) for each in radiances), default=0.0)
     if not math.isfinite(brightest):
@@ -110,7 +110,7 @@ def _fill(
     areas = dr.zeros(mi.Int64, table.word_count)
     light = [dr.zeros(mi.Int64, table.word_count) for _ in range(3)]
     for columns, radiance in zip(passes, radiances, strict=True):
-        add_areas(areas, columns, table, batch)
+        add_areas(areas, columns, table, triangles)
         _add_light(light, columns, table, radiance / step)
         dr.eval(areas, light)
 
@@ -165,7 +165,7 @@ def _add_light(
 
 
 def _mean_radiance(
-    columns: Columns, batch: DeviceTriangles, emitter_number: mi.UInt32
+    columns: Columns, triangles: DeviceTriangles, emitter_number: mi.UInt32
 ) -> mi.Color3f:
     """Mean radiance of what a triangle covers of a face, cell by cell, W m^-2 sr^-1."""
     view = columns.view
@@ -186,7 +186,7 @@ def _mean_radiance(
             (u, v, view.low_depth - 1.0),
             (u + 1.0, v + 1.0, view.high_depth + 1.0),
         )
-        seen = _radiance_at(emitter, columns, batch, u + 0.5, v + 0.5)
+        seen = _radiance_at(emitter, columns, triangles, u + 0.5, v + 0.5)
         added = [dr.fma(area, mi.Float64(seen[channel]), light[channel]) for channel in range(3)]
         return cell + 1, total + area, added
 
@@ -207,7 +207,7 @@ def _mean_radiance(
 def _radiance_at(
     emitter: mi.EmitterPtr,
     columns: Columns,
-    batch: DeviceTriangles,
+    triangles: DeviceTriangles,
     cell_u: mi.Float64,
     cell_v: mi.Float64,
 ) -> mi.Color3f:
@@ -222,7 +222,7 @@ def _radiance_at(
     shares = [dr.maximum(each, 0.0) for each in (1.0 - second - third, second, third)]
     total = shares[0] + shares[1] + shares[2]
     uv = mi.Point2f(0.0)
-    for share, corner in zip(shares, batch.uv, strict=True):
+    for share, corner in zip(shares, triangles.uv, strict=True):
         uv += as_component(mi.Float(share / total)) * dr.gather(mi.Point2f, corner, view.triangle)
     si = dr.zeros(mi.SurfaceInteraction3f, dr.width(uv))
     si.uv = uv
