@@ -138,13 +138,13 @@ def test_a_mesh_whose_faces_name_no_vertex_is_refused(
 
 
 @pytest.mark.parametrize("power", ["nan", "-1"])
-def test_a_light_without_a_power_is_refused(
+def test_a_light_of_no_possible_power_is_refused(
     power: str, variant: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     light = LIGHT.replace("</emitter>", f'<rgb name="intensity" value="{power}"/></emitter>')
     path = write_scene(tmp_path, light=light)
     assert main(["report", str(path), "--output", str(tmp_path / "out")]) == EXIT_BAD_INPUT
-    assert "power" in refused_line(capsys)
+    assert "'intensity.value' are negative, infinite or NaN" in refused_line(capsys)
 
 
 def test_a_picture_without_light_is_refused_and_the_other_scenes_get_their_page(

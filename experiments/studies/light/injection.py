@@ -40,6 +40,9 @@ PHASE_COUNT = 16
 CUBE_SIZE, CUBE_VOXELS, LEVELS = 0.2, 3.3, 3
 """Edge of the moved cube, in world units and in voxels of the finest of its levels."""
 
+AWAY = 12
+"""Voxels of a level from the middle of its window; the next finer window ends at 8."""
+
 EMITTER_VOXELS = 0.1
 ALL_FOUND = 3
 """Width of a pre-filter, for which texels without opacity of their own count as well."""
@@ -107,27 +110,31 @@ def _ripple_checks() -> list[Check]:
     return rows
 
 
-def _cubes(context: StudyContext) -> list[LitPoints]:
-    """Return the cube at each place; every level has its own voxels of it."""
+def _cubes(context: StudyContext, level: int) -> list[LitPoints]:
+    """Return the cube at each place, in voxels of a level and of no finer one."""
 
     def make() -> list[LitPoints]:
-        coarsest = CUBE_SIZE / CUBE_VOXELS * 2.0 ** (LEVELS - 1)
+        layout = nested_layout(CUBE_SIZE / CUBE_VOXELS, LEVELS)
+        window = layout.levels[level]
+        away = np.array([AWAY if level > 0 else 0, 0, 0])
         count = PHASE_COUNT // (4 if context.quick else 1)
         return [
             light_points(
-                small_cube(placement(phase * coarsest, is_turned=False), CUBE_SIZE),
-                nested_layout(CUBE_SIZE / CUBE_VOXELS, LEVELS),
+                small_cube(
+                    placement((away + phase) * window.voxel_size, is_turned=False), CUBE_SIZE
+                ),
+                layout,
             )
             for phase in phase_offsets(count)
         ]
 
-    return context.once("cubes", make)
+    return context.once(f"cubes of level {level}", make)
 
 
 def _ripple(context: StudyContext, how: str, level: int) -> Measured:
     """Range of the power in the voxels of a level over the flux of the cube's lit points."""
     shares = []
-    for points in _cubes(context):
+    for points in _cubes(context, level):
         expected = slot_power(points, ALL_FOUND, level)
         shares.append(power(points.inject(INJECTIONS[how]), level) / expected)
     return Measured(value=(max(shares) - min(shares)) / float(np.mean(shares)))
