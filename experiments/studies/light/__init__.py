@@ -6,10 +6,18 @@ The study is the sum of its parts, one module each.
 from __future__ import annotations
 
 from experiments.studies.check import Check
-from experiments.studies.light import bounces, form_factors, injection, maps, sky
+from experiments.studies.light import (
+    bounces,
+    emitter_pictures,
+    form_factors,
+    injection,
+    maps,
+    sky,
+)
 
 PARTS = [
     maps.checks,
+    emitter_pictures.checks,
     injection.checks,
     bounces.checks,
     form_factors.checks,

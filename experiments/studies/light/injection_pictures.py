@@ -38,6 +38,10 @@ from vctgi.pipeline import prepare_scene
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
 
 FURNACES = ("scatter", "scatter 3 wide", "scatter bounded", "scatter 3 wide bounded", "centre")
+SMOOTH = "scatter 3 wide"
+TEXELS_PER_VOXEL = {"default maps": None, "16 texels a voxel": 16.0}
+"""Texels along an edge of the maps; what points gain in default maps is the noise of texels."""
+
 FURNACE_MEAN, FURNACE_LARGEST = 0.92, 1.001
 FURNACE_EDGE = (20, 8)
 RESOLUTION = 64
@@ -62,18 +66,19 @@ def _furnace_checks() -> list[Check]:
     rows = []
     for where in PLACEMENTS:
         scene = f"white furnace, {where}: preset high at N = 64, first scattering over closed form"
-        for how in FURNACES:
-            is_meant = how == "scatter 3 wide"
-            limits = {"limit_low": FURNACE_MEAN} if is_meant else {}
-            mean = partial(_furnace_mean, how=how, where=where)
-            rows.append(row(f"furnace mean, {where}", how, scene, mean, **limits))
-            limits = {"limit_high": FURNACE_LARGEST} if is_meant else {}
-            largest = partial(_furnace_largest, how=how, where=where)
-            rows.append(row(f"furnace largest point, {where}", how, scene, largest, **limits))
+        ways = [(how, "default maps") for how in FURNACES] + [(SMOOTH, "16 texels a voxel")]
+        for how, texels in ways:
+            name = how if texels == "default maps" else f"{how}, {texels}"
+            limits = {"limit_low": FURNACE_MEAN} if how == SMOOTH else {}
+            mean = partial(_furnace_mean, how=how, where=where, texels=texels)
+            rows.append(row(f"furnace mean, {where}", name, scene, mean, **limits))
+            limits = {"limit_high": FURNACE_LARGEST} if name != how else {}
+            largest = partial(_furnace_largest, how=how, where=where, texels=texels)
+            rows.append(row(f"furnace largest point, {where}", name, scene, largest, **limits))
     return rows
 
 
-def _furnace(context: StudyContext, how: str, where: str) -> np.ndarray:
+def _furnace(context: StudyContext, how: str, where: str, texels: str) -> np.ndarray:
     """E / pi [point] over the radiance of lit walls."""
     is_turned = PLACEMENTS[where]
 
@@ -82,29 +87,30 @@ def _furnace(context: StudyContext, how: str, where: str) -> np.ndarray:
         high = preset("high")
         config = replace(high, clipmap=replace(high.clipmap, resolution=RESOLUTION))
         layout = prepare_scene(scene, scene.sensors()[0], config).plan.layout
-        return light_points(scene, layout)
+        return light_points(scene, layout, TEXELS_PER_VOXEL[texels])
 
-    points = context.once(f"furnace {where}", make)
-    at = white_furnace(FURNACE_EDGE[context.quick], seed=1)
-    at = at.turned() if is_turned else at
-    found = trace_diffuse(
-        receivers(at.points, at.normals),
-        points.volume(INJECTIONS[how]),
-        preset("high").diffuse,
-        points.scene,
-    )
-    share: np.ndarray = np.array(found, dtype=np.float64)[1] / (ALBEDO * EMISSION)
-    return share
+    def gather() -> np.ndarray:
+        points = context.once(f"furnace {where} {texels}", make)
+        at = white_furnace(FURNACE_EDGE[context.quick], seed=1)
+        at = at.turned() if is_turned else at
+        found = trace_diffuse(
+            receivers(at.points, at.normals),
+            points.volume(INJECTIONS[how]),
+            preset("high").diffuse,
+            points.scene,
+        )
+        share: np.ndarray = np.array(found, dtype=np.float64)[1] / (ALBEDO * EMISSION)
+        return share
 
-
-def _furnace_mean(context: StudyContext, how: str, where: str) -> Measured:
-    found = context.once(f"furnace {where} {how}", lambda: _furnace(context, how, where))
-    return Measured(value=float(found.mean()))
+    return context.once(f"furnace {where} {texels} {how}", gather)
 
 
-def _furnace_largest(context: StudyContext, how: str, where: str) -> Measured:
-    found = context.once(f"furnace {where} {how}", lambda: _furnace(context, how, where))
-    return Measured(value=float(found.max()))
+def _furnace_mean(context: StudyContext, how: str, where: str, texels: str) -> Measured:
+    return Measured(value=float(_furnace(context, how, where, texels).mean()))
+
+
+def _furnace_largest(context: StudyContext, how: str, where: str, texels: str) -> Measured:
+    return Measured(value=float(_furnace(context, how, where, texels).max()))
 
 
 def _cornell_checks() -> list[Check]:

@@ -58,10 +58,14 @@ class LitPoints:
         return inject_light(self.maps, self.opacity, config)
 
 
-def light_points(scene: mi.Scene, layout: ClipmapLayout) -> LitPoints:
+def light_points(
+    scene: mi.Scene, layout: ClipmapLayout, texels_per_voxel: float | None = None
+) -> LitPoints:
     """Voxelize a scene and trace its light, with the radiance of every lit point."""
     opacity = voxelize_opacity(surfaces_in(scene), layout)
     config = ReflectiveShadowMapConfig()
+    if texels_per_voxel is not None:
+        config = ReflectiveShadowMapConfig(texels_per_voxel=texels_per_voxel)
     maps = render_reflective_shadow_maps(scene, list_lights(scene), layout, config)
     return LitPoints(scene, opacity, with_radiance(scene, maps))
 
