@@ -148,7 +148,8 @@ def edge_shade(hits: VoxelHits, rays: PixelRays, voxel_size: float) -> np.ndarra
     is_hit = rays.picture(hits.is_hit)
     # On a face one coordinate is 0 or 1; the next nearest one tells how far the edge is.
     from_edge = np.sort(np.minimum(entry, 1.0 - entry), axis=-1)[..., 1] * voxel_size
-    pixel = np.maximum(depth * rays.pixel_angle, np.finfo(np.float64).tiny)
+    # Nearer than a millionth of a voxel an edge is as clear as it gets.
+    pixel = np.maximum(depth * rays.pixel_angle, 1e-6 * voxel_size)
     clarity = np.clip((voxel_size / pixel - FAINT_PIXELS) / (CLEAR_PIXELS - FAINT_PIXELS), 0.0, 1.0)
     is_line = is_hit & (from_edge < LINE_PIXELS * pixel)
     shade: np.ndarray = np.where(is_line, 1.0 - clarity * (1.0 - EDGE_SHADE), 1.0)

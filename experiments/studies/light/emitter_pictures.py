@@ -94,7 +94,7 @@ def _diffuse(colour: list[float]) -> dict[str, Any]:
 def _energy(context: StudyContext, kind: str) -> Measured:
     pair = _render(context, kind)
     if context.output is not None:
-        _write(pair, context.output / f"emitter, {kind}.png")
+        _write(pair, context.output / f"emitter-{kind.replace(', ', '-')}.png")
     return pair.energy
 
 
