@@ -63,8 +63,10 @@ def checks_of(entry: StudyEntry) -> list[Check]:
     return found
 
 
-def select_checks(found: list[Check], only: str | None) -> list[Check]:
+def select_checks(found: list[Check], only: str | None, *, quick: bool = False) -> list[Check]:
     """Return the checks whose name holds `only`; a whole name selects that one alone.
+
+    The quick version leaves some out, unless they are asked for by name.
 
     Raises
     ------
@@ -72,7 +74,7 @@ def select_checks(found: list[Check], only: str | None) -> list[Check]:
         None does.
     """
     if only is None:
-        return found
+        return [check for check in found if check.in_quick or not quick]
     wanted = only.casefold()
     exact = [check for check in found if check.name.casefold() == wanted]
     chosen = exact or [check for check in found if wanted in check.name.casefold()]

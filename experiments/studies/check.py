@@ -75,6 +75,8 @@ class Check:
         What the value must keep to; without either it only has to be finite.
     goal
         What one would like to see; it decides nothing.
+    in_quick
+        Whether the quick version of the study measures it, too.
     """
 
     name: str
@@ -84,6 +86,7 @@ class Check:
     limit_low: float | None = None
     limit_high: float | None = None
     goal: float | None = None
+    in_quick: bool = True
 
 
 def mean_of(values: Sequence[float]) -> Measured:

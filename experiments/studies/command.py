@@ -70,7 +70,8 @@ def run_study(
     """
     entry = find_study(name)
     chosen_variant = start_mitsuba(variant)
-    chosen = select_checks(checks_of(entry), options.only)
+    known = checks_of(entry)
+    chosen = select_checks(known, options.only, quick=options.quick)
     if output is not None:
         writable_folder(output)
     if json_file is not None:
@@ -87,7 +88,7 @@ def run_study(
             quick=options.quick, progress=progress, output=output, scene=options.scene
         )
         if options.quick:
-            stream(QUICK_NOTE)
+            stream(f"{QUICK_NOTE} {len(chosen)} of {len(known)} numbers are measured.")
         stream(head_line())
         found = run_checks(
             shlex.join([name, *options.words]), chosen, context, ledger, resume=options.resume
