@@ -156,7 +156,7 @@ def render(outer: np.ndarray, is_tinted: bool = False) -> np.ndarray:
     config = preset("high")
     config = replace(
         config,
-        diffuse=replace(config.diffuse, is_rotated=False),
+        diffuse=replace(config.diffuse, rotation="fixed"),
         # One finest level about the origin, whatever the picture shows.
         clipmap=replace(
             config.clipmap,
