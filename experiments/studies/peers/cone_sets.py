@@ -17,6 +17,7 @@ from vctgi.maths.cones import MAX_CONE_COUNT, ring_cone_set
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.maths.peer_cones import PEER_CONE_SETS, peer_cone_set
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig, trace_diffuse
+from vctgi.stages.cone_tracing.march import ConeMarchConfig
 
 DC_TOLERANCE = 1e-5
 """Largest error of what a constant environment gives."""
@@ -113,7 +114,12 @@ def _largest_traced_error(context: StudyContext) -> Measured:
 def traced_gain(volume: VoxelVolume, cone_set: str) -> np.ndarray:
     """E / pi [point] over the radiance of glowing fog, for surfaces of all orientations."""
     normals = even_normals(POINT_COUNT)
-    config = DiffuseConesConfig(cone_count=peer_cone_set(cone_set).cone_count, cone_set=cone_set)
+    config = DiffuseConesConfig(
+        cone_count=peer_cone_set(cone_set).cone_count,
+        cone_set=cone_set,
+        # What a cone leaves unseen that ends early is no error of the set.
+        march=ConeMarchConfig(min_transmittance=0.0),
+    )
     found = trace_diffuse(receivers(np.zeros((POINT_COUNT, 3)), normals), volume, config)
     gain: np.ndarray = np.array(found, dtype=np.float64)[1] / GLOW
     return gain

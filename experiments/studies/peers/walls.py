@@ -160,14 +160,18 @@ def _layout() -> ClipmapLayout:
 
 def _cross(volume: VoxelVolume, layer: int, diffuse: DiffuseConesConfig) -> tuple[float, float]:
     """Mean radiance and transmittance of the set's narrowest cone along x, over distances."""
+    ratio = ratio_from_aperture(min(diffuse.cones().apertures))
     near, far = DISTANCES
+    if diffuse.march.max_footprint_voxels is not None:
+        # Within its reach; beyond, it sees nothing at all.
+        far = min(far, diffuse.march.max_footprint_voxels / ratio - 1.0)
     away = near + (far - near) * (np.arange(DISTANCE_COUNT) + 0.5) / DISTANCE_COUNT
     x = dr.maximum(mi.Float(np.float32(layer - away)), -0.5 * RESOLUTION)
     traced = march_cone(
         volume,
         mi.Point3f(x, 0.3, -0.2),
         dr.zeros(mi.Vector3f, DISTANCE_COUNT) + mi.Vector3f(1.0, 0.0, 0.0),
-        dr.full(mi.Float, ratio_from_aperture(min(diffuse.cones().apertures)), DISTANCE_COUNT),
+        dr.full(mi.Float, ratio, DISTANCE_COUNT),
         dr.full(mi.Float, 1.0, DISTANCE_COUNT),
         diffuse.march,
         dr.full(mi.Bool, True, DISTANCE_COUNT),
