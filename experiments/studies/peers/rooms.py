@@ -82,10 +82,10 @@ def _published(name: str) -> list[Check]:
             name=f"{CORNELL_NAME}, {name} with its scale, {number}",
             configuration=f"{PEERS[name].title}; times {gain:.4g}",
             scene=CORNELL,
-            measure=partial(MEASURES[number], name=name, gain=gain),
+            measure=partial(measure, name=name, gain=gain),
             goal=IDEAL[number],
         )
-        for number in ("energy ratio", "relMSE")
+        for number, measure in (("energy ratio", _energy), ("relMSE", _relmse))
     ]
 
 
