@@ -35,7 +35,13 @@ app = App(
 
 DEFAULT_CACHE = "the user's cache folder, or $VCTGI_CACHE"
 
-Preset = Annotated[str, Parameter(help="Named configuration: medium, high or ultra.")]
+Preset = Annotated[
+    str,
+    Parameter(
+        help="Named configuration: medium, high, ultra, or the recipe of another system as "
+        "peer:compix, with its own scale as peer:compix:published; a wrong name lists all."
+    ),
+]
 Resolution = Annotated[
     int,
     Parameter(

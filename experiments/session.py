@@ -40,11 +40,11 @@ def find_preset(name: str) -> None:
     InputError
         No preset of that name.
     """
-    from vctgi.config import PRESETS
+    from vctgi.config import preset_names
 
-    if name not in PRESETS:
+    if name not in preset_names():
         raise InputError(
-            what=f"no preset '{name}'", where="--preset", remedy=f"use {', '.join(PRESETS)}"
+            what=f"no preset '{name}'", where="--preset", remedy=f"use {', '.join(preset_names())}"
         )
 
 

@@ -76,7 +76,7 @@ def slot_gatherer(
     receivers = [slot_receivers(each) if each.count else None for each in surfaces]
 
     def gather(emittance: EmittanceClipmap) -> list[mi.Color3f]:
-        merged, lit = downsample(opacity, emittance)
+        merged, lit = downsample(opacity, emittance, config.downsampling)
         assert lit is not None, "downsampling keeps the emittance it is given"
         volume = pack_volume(merged, lit, config.storage)
         return [

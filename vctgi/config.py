@@ -7,11 +7,13 @@ from typing import Literal, get_args
 
 from vctgi.clipmap.levels import ClipmapConfig
 from vctgi.clipmap.storage import StorageConfig
+from vctgi.peers import PEER_PREFIX, PEERS, find_peer, peer_names
 from vctgi.scene.sky import SkyConfig
 from vctgi.stages.bounces import BouncesConfig
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig
 from vctgi.stages.cone_tracing.march import ConeMarchConfig
 from vctgi.stages.cone_tracing.specular import SpecularConesConfig
+from vctgi.stages.downsampling import DownsamplingConfig
 from vctgi.stages.gbuffer import GBufferConfig
 from vctgi.stages.light_injection import LightInjectionConfig
 from vctgi.stages.reflective_shadow_map import ReflectiveShadowMapConfig
@@ -33,6 +35,8 @@ class RenderConfig:
     """Size of the clipmap."""
     voxelization: OpacityVoxelizationConfig = field(default_factory=OpacityVoxelizationConfig)
     """How surfaces become opacity."""
+    downsampling: DownsamplingConfig = field(default_factory=DownsamplingConfig)
+    """How levels are filled from finer ones."""
     storage: StorageConfig = field(default_factory=StorageConfig)
     """How voxels are stored for reading."""
     reflective_shadow_map: ReflectiveShadowMapConfig = field(
@@ -115,14 +119,28 @@ PRESETS: dict[str, RenderConfig] = {
 """Named configurations, from cheap to dear."""
 
 
+def preset_names() -> list[str]:
+    """Return all names that `preset` takes: ours from cheap to dear, then the peers'."""
+    return [*PRESETS, *peer_names()]
+
+
 def preset(name: str) -> RenderConfig:
     """Return the named preset.
+
+    A name like "peer:compix" is the recipe of another system over our voxels and at the settings of
+    "high" otherwise, "peer:compix:published" the same with that system's own scale.
 
     Raises
     ------
     ValueError
         No preset of that name.
     """
-    if name not in PRESETS:
-        raise ValueError(f"no preset '{name}'; choose one of {', '.join(PRESETS)}.")
-    return PRESETS[name]
+    if name in PRESETS:
+        return PRESETS[name]
+    if not name.startswith(PEER_PREFIX):
+        raise ValueError(
+            f"no preset '{name}'; choose one of {', '.join(PRESETS)}, "
+            f"or {PEER_PREFIX} and one of {', '.join(PEERS)}."
+        )
+    peer, diffuse = find_peer(name)
+    return replace(PRESETS["high"], diffuse=diffuse, downsampling=peer.downsampling)

@@ -250,7 +250,7 @@ def light_volume(
             both = zip(emittance.levels, emitted.levels, strict=True)
             emittance = replace(emittance, levels=[light + own for light, own in both])
     with clock("downsampling"):
-        merged, lit = downsample(opacity, emittance)
+        merged, lit = downsample(opacity, emittance, config.downsampling)
         assert lit is not None, "downsampling keeps the emittance it is given"
         volume = pack_volume(merged, lit, config.storage)
     return LitVolume(volume, lit.lost_flux_share, sum(m.texel_count for m in maps), fluxes)

@@ -34,6 +34,10 @@ STUDIES = {
         "experiments.studies.light",
         "Does the power of every light arrive in the voxels, in the right place?",
     ),
+    "peers": StudyEntry(
+        "experiments.studies.peers",
+        "What do the recipes of other systems make of the same voxels?",
+    ),
 }
 """Studies by name."""
 

@@ -22,6 +22,7 @@ from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
 from vctgi.clipmap.storage import pack_volume
 from vctgi.config import preset
 from vctgi.maths.directions import DIRECTION_COUNT
+from vctgi.peers import PEERS
 from vctgi.pipeline import light_volume, prepare_scene, render_frame
 from vctgi.scene.surfaces import opaque_surfaces
 from vctgi.scene.triangles import is_degenerate
@@ -108,7 +109,13 @@ def test_mirroring_swaps_two_directions(corners: np.ndarray) -> None:
         np.testing.assert_array_equal(after, mirrored_table(before))
 
 
-def test_mirrored_cones_see_the_same_in_a_mirrored_volume() -> None:
+MARCHES = {"ours": ConeMarchConfig()} | {
+    name: PEERS[name].diffuse.march for name in ("classic", "compix", "wicked_before", "ogre")
+}
+
+
+@pytest.mark.parametrize("name", MARCHES)
+def test_mirrored_cones_see_the_same_in_a_mirrored_volume(name: str) -> None:
     where = layout()
     alphas, colors = random_values(where, seed=9, empty_share=0.8)
     symmetric_alphas, symmetric_colors = [], []
@@ -132,7 +139,7 @@ def test_mirrored_cones_see_the_same_in_a_mirrored_volume() -> None:
             mi.Vector3f(np.ascontiguousarray((axis * mirror).T, dtype=np.float32)),
             mi.Float(ratio.astype(np.float32)),
             mi.Float(phase.astype(np.float32)),
-            ConeMarchConfig(),
+            MARCHES[name],
             dr.full(mi.Bool, True, count),
         )
         found.append((np.array(cone.radiance), np.array(cone.transmittance)))
@@ -156,7 +163,7 @@ def render(outer: np.ndarray, is_tinted: bool = False) -> np.ndarray:
     config = preset("high")
     config = replace(
         config,
-        diffuse=replace(config.diffuse, is_rotated=False),
+        diffuse=replace(config.diffuse, rotation="fixed"),
         # One finest level about the origin, whatever the picture shows.
         clipmap=replace(
             config.clipmap,

@@ -1,4 +1,7 @@
-"""Oracle 1: cone sets against the exact cosine integral of the first spherical harmonics."""
+"""Oracle 1: cone sets against the exact cosine integral of the first spherical harmonics.
+
+That traced light has their gain too is a test of the diffuse cones.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,23 @@ import math
 import numpy as np
 import pytest
 
-from vctgi.maths.cones import RINGS, ConeSet, aperture_from_solid_angle, ring_cone_set
+from experiments.studies.peers.harmonics import band_error, even_normals, normalised_weights
+from vctgi.maths.cones import (
+    MAX_CONE_COUNT,
+    RINGS,
+    aperture_from_solid_angle,
+    ring_cone_set,
+    ring_sizes,
+)
+from vctgi.maths.peer_cones import PEER_CONE_SETS, peer_cone_set
 
 ROUNDING = 1e-12
 
-EXACT_SHARE = {1: 2.0 / 3.0, 2: 1.0 / 4.0}
-"""E / pi at the pole of a radiance field P_l(cos theta): the integral of 2 x P_l(x) over [0, 1]."""
+LARGEST_BAND_ONE = 0.02
+"""Measured at most 0.0181, of 13 cones."""
+
+BAND_TWO_OF_ONE_CONE = 0.21
+"""Band 2 of n cones times n, measured at most 0.196, of 29 cones."""
 
 BAND_ERRORS = {
     # cones: largest error in bands 1 and 2, the measured one and a tenth more. The best six-cone
@@ -27,49 +41,93 @@ BAND_ERRORS = {
 }
 
 
-def smoothed(band: int, aperture: float) -> float:
-    """Mean of P_l over a cone around the pole: how much of a band a cone keeps."""
-    cosine = math.cos(0.5 * aperture)
-    return 0.5 * (1.0 + cosine) if band == 1 else 0.5 * cosine * (1.0 + cosine)
+KNOWN_ERRORS = {
+    # Bands 1 and 2 of other systems' sets, from models of their sources.
+    "crassin6": (0.084, 0.124),
+    "vctrenderer6": (0.096, 0.168),
+    "four": (0.063, 0.099),
+    "friduric9": (0.102, 0.162),
+    "stride6": (0.155, 0.200),
+    "wicked16": (0.040, 0.043),
+    "wicked32": (0.018, 0.022),
+}
+
+KNOWN_ROUNDING = 1.2e-3
+"""They are given to three digits; sets of the world are averaged over 500 normals."""
+
+OUR_ERRORS = {
+    # Sets whose published description leaves something open, and what they are known to have: the
+    # phase of the Hammersley sequence (0.051, 0.099), the phase of the spiral (0.311, 0.213), axes
+    # and aperture to within a few degrees (0.059, 0.050).
+    "hanetaka8": (0.0439, 0.0741),
+    "threejs3": (0.1404, 0.2358),
+    "stride12": (0.0729, 0.0640),
+}
 
 
-def harmonics(band: int, d: np.ndarray) -> np.ndarray:
-    """Real harmonics [cone, m] with mean square 1 over the sphere."""
-    x, y, z = d.T
-    if band == 1:
-        return math.sqrt(3.0) * np.stack([x, y, z], axis=1)
-    scale = math.sqrt(15.0)
-    zonal = math.sqrt(5.0) * (1.5 * z * z - 0.5)
-    rows = [scale * x * y, scale * y * z, scale * x * z, 0.5 * scale * (x * x - y * y), zonal]
-    return np.stack(rows, axis=1)
+def test_error_measure_reproduces_the_closed_form() -> None:
+    # |0.25 + 0.75 / 2| smoothed, less 2 / 3 and 1 / 4.
+    assert band_error(peer_cone_set("crassin6"), 1) == pytest.approx(0.0835, abs=5e-4)
+    assert band_error(peer_cone_set("crassin6"), 2) == pytest.approx(0.1237, abs=5e-4)
 
 
-def band_error(cones: ConeSet, band: int) -> float:
-    """Root mean square error of E / pi over all unit radiance fields of one band."""
-    kept = np.array([smoothed(band, aperture) for aperture in cones.apertures])
-    terms = harmonics(band, np.array(cones.directions))
-    found = (np.array(cones.weights) * kept) @ terms
-    exact = harmonics(band, np.array([[0.0, 0.0, 1.0]]))[0] * EXACT_SHARE[band]
-    return float(np.sqrt(np.mean((found - exact) ** 2)))
+@pytest.mark.parametrize("name", KNOWN_ERRORS)
+def test_sets_of_other_systems_have_their_known_errors(name: str) -> None:
+    for band, known in zip((1, 2), KNOWN_ERRORS[name], strict=True):
+        assert band_error(peer_cone_set(name), band) == pytest.approx(known, abs=KNOWN_ROUNDING)
 
 
-def crassin_set() -> ConeSet:
-    """Six cones of 60 degrees, weights 0.25 and 0.15 [Crassin2011]."""
-    ring = [
-        (math.sqrt(0.75) * math.cos(phi), math.sqrt(0.75) * math.sin(phi), 0.5)
-        for phi in (2.0 * math.pi * i / 5.0 for i in range(5))
-    ]
-    return ConeSet(
-        directions=((0.0, 0.0, 1.0), *ring),
-        weights=(0.25,) + (0.15,) * 5,
-        apertures=(math.radians(60.0),) * 6,
-    )
+@pytest.mark.parametrize("name", OUR_ERRORS)
+def test_sets_that_are_not_fully_described_have_ours(name: str) -> None:
+    for band, known in zip((1, 2), OUR_ERRORS[name], strict=True):
+        assert band_error(peer_cone_set(name), band) == pytest.approx(known, abs=1e-4)
 
 
-def test_error_measure_reproduces_the_known_set() -> None:
-    # Closed form: |0.25 + 0.75 / 2| smoothed, less 2 / 3 and 1 / 4.
-    assert band_error(crassin_set(), 1) == pytest.approx(0.0835, abs=5e-4)
-    assert band_error(crassin_set(), 2) == pytest.approx(0.1237, abs=5e-4)
+def test_the_divisor_of_compix_halves_the_light() -> None:
+    cones = peer_cone_set("compix16")
+    assert cones.published_gain == 0.5
+    for band, known in ((1, 0.349), (2, 0.142)):
+        assert band_error(cones, band, gain=0.5) == pytest.approx(known, abs=KNOWN_ROUNDING)
+
+
+@pytest.mark.parametrize("name", PEER_CONE_SETS)
+def test_weights_of_other_systems_are_normalised_for_every_surface(name: str) -> None:
+    cones = peer_cone_set(name)
+    weights = normalised_weights(cones, even_normals(50))
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=ROUNDING)
+    if cones.frame == "tangent":
+        assert sum(cones.weights) == pytest.approx(1.0, abs=ROUNDING)
+    d = np.array(cones.directions)
+    np.testing.assert_allclose(np.linalg.norm(d, axis=1), 1.0, atol=ROUNDING)
+    assert len({tuple(np.round(axis, 6)) for axis in d}) == cones.cone_count
+
+
+@pytest.mark.parametrize("name", ["compix16", "compix32", "strayphotons6"])
+def test_axes_of_the_world_prefer_no_direction(name: str) -> None:
+    d = np.array(peer_cone_set(name).directions)
+    np.testing.assert_allclose(d.mean(axis=0), 0.0, atol=1e-6)
+    np.testing.assert_allclose(d.T @ d / len(d), np.eye(3) / 3.0, atol=1e-6)
+
+
+def test_apertures_of_named_sets_are_scaled() -> None:
+    once, twice = peer_cone_set("friduric9"), peer_cone_set("friduric9", 2.0)
+    assert twice.apertures[0] == pytest.approx(2.0 * once.apertures[0])
+    with pytest.raises(ValueError, match="no set 'none'"):
+        peer_cone_set("none")
+
+
+@pytest.mark.parametrize("count", range(1, MAX_CONE_COUNT + 1))
+def test_every_count_has_a_set(count: int) -> None:
+    cones = ring_cone_set(count)
+    assert cones.cone_count == count
+    assert min(ring_sizes(count)) > 0
+    assert sum(cones.weights) == pytest.approx(1.0, abs=ROUNDING)
+    d = np.array(cones.directions)
+    assert np.hypot(*d[:, :2].mean(axis=0)) < ROUNDING
+    # From six cones on, no worse than the best six-cone set: the error of band 2 falls as 1 / n.
+    if count >= 6:
+        assert band_error(cones, 1) < LARGEST_BAND_ONE
+        assert band_error(cones, 2) < BAND_TWO_OF_ONE_CONE / count
 
 
 @pytest.mark.parametrize("count", RINGS)
@@ -110,6 +168,7 @@ def test_aperture_of_a_half_space_is_pi() -> None:
     assert aperture_from_solid_angle(0.0) == 0.0
 
 
-def test_unknown_set_is_refused() -> None:
-    with pytest.raises(ValueError, match="no set of 5 cones; choose one of 6"):
-        ring_cone_set(5)
+@pytest.mark.parametrize("count", [0, 65, 255])
+def test_unknown_set_is_refused(count: int) -> None:
+    with pytest.raises(ValueError, match=f"no set of {count} cones; choose 1 .. 64 or 256"):
+        ring_cone_set(count)

@@ -3,13 +3,15 @@
 One opacity plays two parts. Across the ray a half-covered voxel is half open, so opacity is
 interpolated as alpha, bilinearly within a layer of voxels. Along the ray a wall is a wall however
 the samples fall, so what is interpolated linearly between two layers is optical depth. Derived and
-measured in docs/decisions/0001.
+measured in docs/decisions/0001. The common recipe, one trilinear alpha and the squares of the
+direction, can be read for comparison.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import drjit as dr
 import mitsuba as mi
@@ -25,6 +27,13 @@ derivative of the depth by opacity stays below exp(6)."""
 
 THIN_OPACITY = 1e-4
 """Below this opacity a, depth / a is 1 + a / 2 to single precision."""
+
+
+ReadRule = Literal["layered", "trilinear"]
+"""How the opacity between voxels is found."""
+
+WeightRule = Literal["projected", "squared", "normalised"]
+"""How much each of the three slots counts that face a ray."""
 
 
 @dataclass
@@ -43,8 +52,29 @@ class Medium:
     source: mi.Color3f
 
 
+@dataclass
+class VoxelSample:
+    """What one voxel of the size of a level would hold at a point.
+
+    Attributes
+    ----------
+    opacity
+        Share of the light that it stops, [0, 1].
+    emittance
+        Premultiplied by opacity, W m^-2 sr^-1.
+    """
+
+    opacity: mi.Float
+    emittance: mi.Color3f
+
+
 def read_medium(
-    volume: VoxelVolume, level: mi.UInt32, p_world: mi.Point3f, direction: mi.Vector3f
+    volume: VoxelVolume,
+    level: mi.UInt32,
+    p_world: mi.Point3f,
+    direction: mi.Vector3f,
+    read: ReadRule = "layered",
+    weights: WeightRule = "projected",
 ) -> Medium:
     """Return extinction and source at a point of one level for a direction of travel.
 
@@ -58,26 +88,55 @@ def read_medium(
         Where to read, world units. Voxels outside the window count as empty.
     direction
         Unit direction in which the ray travels.
+    read
+        Whether opacity is interpolated as depth along the ray, or as alpha all over.
+    weights
+        How the three slots are put together.
 
     Returns
     -------
     Medium
         Sum over the axes k of |direction_k| times the optical depth of the slot that faces the
-        ray, over the voxel size: the projected-area rule.
+        ray, over the voxel size: the projected-area rule, unless `weights` say otherwise.
     """
-    voxel_size = volume.layout.finest_voxel_size * dr.exp2(mi.Float(level))
-    q = mi.Point3f(p_world / as_component(voxel_size) - 0.5)
-    around = neighbourhood(volume.table, level, q)
-
+    around, voxel_size = _around(volume, level, p_world)
+    shares = _axis_shares(direction, weights)
+    read_axis = _read_axis if read == "layered" else _read_axis_as_alpha
     extinction = mi.Float(0.0)
     source = mi.Color3f(0.0)
     for axis in range(3):
-        side = dr.select(direction[axis] < 0.0, mi.UInt32(1), mi.UInt32(0))
-        depth, emitted = _read_axis(volume.texels, around, axis, side)
-        share = as_component(dr.abs(direction[axis]) / voxel_size)
+        depth, emitted = read_axis(volume.texels, around, axis, _side(direction, axis))
+        share = as_component(shares[axis] / voxel_size)
         extinction = dr.fma(share, depth, extinction)
         source = dr.fma(share, emitted, source)
     return Medium(extinction, source)
+
+
+def read_sample(
+    volume: VoxelVolume,
+    level: mi.UInt32,
+    p_world: mi.Point3f,
+    direction: mi.Vector3f,
+    weights: WeightRule,
+) -> VoxelSample:
+    """Return trilinearly interpolated opacity and emittance, as most systems read them.
+
+    Parameters
+    ----------
+    volume, level, p_world, direction
+        As for `read_medium`.
+    weights
+        How the three slots are put together. "projected" ones sum to more than 1 for a slanted
+        ray; opacity ends at 1 then.
+    """
+    around, _ = _around(volume, level, p_world)
+    shares = _axis_shares(direction, weights)
+    total = mi.Vector4f(0.0)
+    for axis in range(3):
+        texel = _trilinear(volume.texels, around, axis, _side(direction, axis))
+        total = dr.fma(as_component(shares[axis]), texel, total)
+    emitted = mi.Color3f(total.x, total.y, total.z)
+    return VoxelSample(dr.minimum(mi.Float(total.w), 1.0), emitted)
 
 
 def read_surface(
@@ -133,6 +192,58 @@ def read_surface(
     return dr.select(is_known, radiance, 0.0), opacity
 
 
+def _around(
+    volume: VoxelVolume, level: mi.UInt32, p_world: mi.Point3f
+) -> tuple[Neighbourhood, mi.Float]:
+    """Return the voxels around a point of a level, and their size."""
+    voxel_size = volume.layout.finest_voxel_size * dr.exp2(mi.Float(level))
+    q = mi.Point3f(p_world / as_component(voxel_size) - 0.5)
+    return neighbourhood(volume.table, level, q), voxel_size
+
+
+def _side(direction: mi.Vector3f, axis: int) -> mi.UInt32:
+    """Side of the slots that a ray meets: 0 when it travels towards +axis, 1 towards -axis."""
+    return dr.select(direction[axis] < 0.0, mi.UInt32(1), mi.UInt32(0))
+
+
+def _axis_shares(direction: mi.Vector3f, weights: WeightRule) -> mi.Vector3f:
+    """How much the slots along each axis count."""
+    if weights == "squared":
+        return mi.Vector3f(direction * direction)
+    projected = mi.Vector3f(dr.abs(direction))
+    if weights == "normalised":
+        projected /= projected.x + projected.y + projected.z
+    return projected
+
+
+def _read_axis_as_alpha(
+    texels: VoxelTexels, around: Neighbourhood, axis: int, side: mi.UInt32
+) -> tuple[mi.Float, mi.Color3f]:
+    """As `_read_axis`, of opacity that is interpolated as alpha along the axis too."""
+    texel = _trilinear(texels, around, axis, side)
+    depth, depth_per_opacity = optical_depth(mi.Float(texel.w))
+    return depth, mi.Color3f(texel.x, texel.y, texel.z) * as_component(depth_per_opacity)
+
+
+def _trilinear(
+    texels: VoxelTexels, around: Neighbourhood, axis: int, side: mi.UInt32
+) -> mi.Vector4f:
+    """Premultiplied emittance and opacity of the slots of one axis."""
+    total = mi.Vector4f(0.0)
+    for along in range(2):
+        texel = _across(texels, around, Layer(axis, side, mi.Int32(around.lowest[axis] + along)))
+        total = dr.fma(as_component(around.weights[axis][along]), texel, total)
+    return total
+
+
+def _across(texels: VoxelTexels, around: Neighbourhood, layer: Layer) -> mi.Vector4f:
+    """Premultiplied emittance and opacity of a layer, interpolated bilinearly."""
+    texel = mi.Vector4f(0.0)
+    for weight_u, weight_v, tap in texels.taps(around, layer):
+        texel = dr.fma(as_component(weight_u * weight_v), tap, texel)
+    return texel
+
+
 def _read_axis(
     texels: VoxelTexels, around: Neighbourhood, axis: int, side: mi.UInt32
 ) -> tuple[mi.Float, mi.Color3f]:
@@ -141,10 +252,7 @@ def _read_axis(
     emitted = mi.Color3f(0.0)
     for along in range(2):
         # Across the axis: opacity is alpha, interpolated bilinearly.
-        layer = Layer(axis, side, mi.Int32(around.lowest[axis] + along))
-        texel = mi.Vector4f(0.0)
-        for weight_u, weight_v, tap in texels.taps(around, layer):
-            texel = dr.fma(as_component(weight_u * weight_v), tap, texel)
+        texel = _across(texels, around, Layer(axis, side, mi.Int32(around.lowest[axis] + along)))
 
         # Along it: what is interpolated is optical depth, and what is emitted over it.
         layer_weight = around.weights[axis][along]

@@ -3,13 +3,15 @@
 A cone set splits the cosine-weighted hemisphere into cones of equal weight: rings of equal
 sin^2(theta) per cone, each ring's cones spread evenly in azimuth. A cone at polar angle theta
 then covers the solid angle pi / (n cos theta). Weights sum to 1, so a constant environment of
-radiance 1 gives irradiance pi to rounding.
+radiance 1 gives irradiance pi to rounding. Sets of other systems: `peer_cones.py`.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
 
 import drjit as dr
 import mitsuba as mi
@@ -23,7 +25,17 @@ RINGS: dict[int, tuple[int, ...]] = {
     64: (1, 6, 12, 19, 26),
     256: (1, 7, 14, 21, 29, 35, 43, 49, 57),
 }
-"""Cones in each ring, from the pole outwards, of the sets that are offered."""
+"""Cones in each ring, from the pole outwards, of counts that were tuned by hand; `ring_sizes` finds
+those of others."""
+
+MAX_CONE_COUNT = 64
+"""Most cones of a general set; larger ones are made for studies and have their rings here."""
+
+FEW_CONES = 5
+"""Up to so many cones stand in one ring: a cone at the pole would leave the others too low."""
+
+ConeFrame = Literal["tangent", "world"]
+"""What the axes of a set belong to: the surface, or the world."""
 
 GOLDEN_TURN = 0.5 * (math.sqrt(5.0) - 1.0)
 """Fraction of a turn by which each ring is twisted against the one inside it."""
@@ -31,21 +43,30 @@ GOLDEN_TURN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 @dataclass(frozen=True, kw_only=True)
 class ConeSet:
-    """Cones over the hemisphere around +z.
+    """Cones over the hemisphere around +z, or over the whole sphere.
 
     Attributes
     ----------
     directions
-        Unit axes in the tangent frame, one triple a cone.
+        Unit axes, one triple a cone.
     weights
-        Share of E / pi that each cone gathers; they sum to 1.
+        Share of E / pi that each cone gathers; they sum to 1. Of a set in the world's frame, factor
+        on the share in proportion to the cosine to the normal; the shares of those above the
+        surface sum to 1.
     apertures
         Full apex angles, radians.
+    frame
+        "tangent": around the normal, +z; "world": over the sphere, the same for every surface.
+    published_gain
+        What a constant environment of radiance 1 gives in the system that the set is from, in
+        units of pi. It is not part of the weights.
     """
 
     directions: tuple[tuple[float, float, float], ...]
     weights: tuple[float, ...]
     apertures: tuple[float, ...]
+    frame: ConeFrame = "tangent"
+    published_gain: float = 1.0
 
     @property
     def cone_count(self) -> int:
@@ -59,7 +80,7 @@ def ring_cone_set(cone_count: int, aperture_scale: float = 1.0) -> ConeSet:
     Parameters
     ----------
     cone_count
-        One of the keys of `RINGS`.
+        1 .. `MAX_CONE_COUNT`, or one of the keys of `RINGS`.
     aperture_scale
         Factor on each cone's aperture, > 0; 1 covers the hemisphere once.
 
@@ -68,15 +89,10 @@ def ring_cone_set(cone_count: int, aperture_scale: float = 1.0) -> ConeSet:
     ValueError
         The count is not offered.
     """
-    if cone_count not in RINGS:
-        known = ", ".join(str(count) for count in sorted(RINGS))
-        raise ValueError(
-            f"ring_cone_set: no set of {cone_count} cones; choose one of {known}, "
-            "or add its rings to RINGS."
-        )
+    rings = ring_sizes(cone_count)
     directions, apertures = [], []
     taken = 0
-    for ring_index, ring in enumerate(RINGS[cone_count]):
+    for ring_index, ring in enumerate(rings):
         # The ring spans sin^2 from taken/n to (taken + ring)/n; its axis is the mean, but the
         # single cone of the pole looks straight up.
         sin2 = 0.0 if ring == 1 and taken == 0 else (taken + 0.5 * ring) / cone_count
@@ -94,6 +110,34 @@ def ring_cone_set(cone_count: int, aperture_scale: float = 1.0) -> ConeSet:
         weights=(1.0 / cone_count,) * cone_count,
         apertures=tuple(apertures),
     )
+
+
+def ring_sizes(cone_count: int) -> tuple[int, ...]:
+    """Cones in each ring of a set, from the pole outwards.
+
+    Cosine-weighted directions are evenly spread points of the unit disc. One cell lies in its
+    middle; the rest is cut into rings about as wide as a cell, which hold cells by their area.
+
+    Raises
+    ------
+    ValueError
+        The count is not offered.
+    """
+    if cone_count in RINGS:
+        return RINGS[cone_count]
+    if not 1 <= cone_count <= MAX_CONE_COUNT:
+        raise ValueError(
+            f"ring_cone_set: no set of {cone_count} cones; choose 1 .. {MAX_CONE_COUNT} or "
+            f"{max(RINGS)}."
+        )
+    if cone_count <= FEW_CONES:
+        return (cone_count,)
+    middle = 1.0 / math.sqrt(cone_count)
+    ring_count = max(1, round((1.0 - middle) / math.sqrt(math.pi / cone_count)))
+    rims = [middle + (1.0 - middle) * k / ring_count for k in range(ring_count + 1)]
+    # Rounding what has been taken so far, so that the rings sum to the count.
+    taken = [round(cone_count * rim**2) for rim in rims]
+    return (1, *(after - before for before, after in pairwise(taken)))
 
 
 def aperture_from_solid_angle(solid_angle: float) -> float:

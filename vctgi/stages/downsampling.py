@@ -3,27 +3,57 @@
 Across a direction the four columns of children average. Along it the two children of a column add,
 up to 1, the one behind filling only what the one in front leaves open. Adding is exact for the
 parts of one slanted plane, which are complementary; composing them as if they were independent
-would lose light at every level (docs/decisions/0001).
+would lose light at every level (docs/decisions/0001). Two simpler rules, averages over all eight
+children and one value for all directions, are there for comparison.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.addressing import is_inside, texel_from_voxel, voxel_of_place
+from vctgi.clipmap.isotropic import same_for_all_directions
 from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.regions import Region, window_region
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.maths.stub_gaps import as_component
 
+MipRule = Literal["columns", "average"]
+"""How eight children make a voxel. "columns": along each direction the two of a column add up;
+"average": their mean, in which a wall of one voxel opens more at every level."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DownsamplingConfig:
+    """How levels are filled from finer ones."""
+
+    mips: MipRule = "columns"
+    """How eight children make a voxel."""
+    is_isotropic: bool = False
+    """Whether a voxel is first made the same from all sides: as opaque as its most opaque slot,
+    and as bright as all of them on average."""
+
+    def __post_init__(self) -> None:
+        """Refuse rules that do not exist."""
+        if self.mips not in get_args(MipRule):
+            raise ValueError(
+                f"DownsamplingConfig.mips must be one of {get_args(MipRule)}, got {self.mips!r}."
+            )
+
+
+DEFAULT_DOWNSAMPLING = DownsamplingConfig()
+
 
 def downsample(
-    opacity: OpacityClipmap, emittance: EmittanceClipmap | None
+    opacity: OpacityClipmap,
+    emittance: EmittanceClipmap | None,
+    config: DownsamplingConfig = DEFAULT_DOWNSAMPLING,
 ) -> tuple[OpacityClipmap, EmittanceClipmap | None]:
     """Fill every level from the finer one, where that covers it.
 
@@ -32,6 +62,8 @@ def downsample(
     opacity, emittance
         Values voxelized and injected at each clip level's own resolution; emittance may be left
         out when only opacity is wanted.
+    config
+        Rule of the mips.
 
     Returns
     -------
@@ -43,6 +75,8 @@ def downsample(
     [Panteleev2014], slide "Multi-resolution voxelization".
     """
     layout = opacity.layout
+    if config.is_isotropic:
+        opacity, emittance = same_for_all_directions(opacity, emittance)
     alphas = [opacity.levels[0]] + [dr.empty(mi.Float, dr.width(a)) for a in opacity.levels[1:]]
     merged = OpacityClipmap(layout, alphas, opacity.rule)
     lit = None
@@ -51,7 +85,7 @@ def downsample(
         colors += [dr.empty(mi.Color3f, dr.width(c)) for c in emittance.levels[1:]]
         lit = EmittanceClipmap(layout, colors, list(emittance.lost_flux_share))
     regions = [[window_region(level)] for level in layout.levels]
-    downsample_regions(opacity, emittance, merged, lit, regions)
+    downsample_regions(opacity, emittance, merged, lit, regions, config.mips)
     return merged, lit
 
 
@@ -61,6 +95,7 @@ def downsample_regions(
     merged: OpacityClipmap,
     lit: EmittanceClipmap | None,
     regions: Sequence[Sequence[Region]],
+    mips: MipRule = "columns",
 ) -> None:
     """Fill boxes of every level from the finer one, where that covers them.
 
@@ -72,6 +107,8 @@ def downsample_regions(
         The result, changed in place; `lit` goes with `emittance`.
     regions
         Boxes for each level, which may overlap; what lies outside is left as it is.
+    mips
+        How eight children make a voxel.
     """
     layout = opacity.layout
     merged.levels[0] = opacity.levels[0]
@@ -85,7 +122,7 @@ def downsample_regions(
         # Windows are snapped so that the first child decides for all eight.
         is_covered = is_inside(2 * parent, finer)
         columns = _columns(parent, slot, finer)
-        alpha, shares = _merge_opacity(columns, merged.levels[finer.level])
+        alpha, shares = _merge_opacity(columns, merged.levels[finer.level], mips)
         own = dr.gather(mi.Float, opacity.levels[coarser.level], target, ~is_covered)
         dr.scatter(merged.levels[coarser.level], dr.select(is_covered, alpha, own), target)
         dr.eval(merged.levels[coarser.level])
@@ -133,8 +170,14 @@ def _columns(parent: mi.Vector3i, slot: mi.UInt32, finer: LevelLayout) -> _Colum
     return _Columns(texels)
 
 
-def _merge_opacity(columns: _Columns, fine: mi.Float) -> tuple[mi.Float, list[mi.Float]]:
+def _merge_opacity(
+    columns: _Columns, fine: mi.Float, mips: MipRule
+) -> tuple[mi.Float, list[mi.Float]]:
     """Mean opacity over the columns, and which share of each back child shows in it."""
+    if mips == "average":
+        texels = [texel for pair in columns.texels for texel in pair]
+        total = sum((dr.gather(mi.Float, fine, texel) for texel in texels), mi.Float(0.0))
+        return total / len(texels), []
     mean, shares = mi.Float(0.0), []
     for pair in columns.texels:
         front, back = (dr.gather(mi.Float, fine, texel) for texel in pair)
@@ -145,8 +188,12 @@ def _merge_opacity(columns: _Columns, fine: mi.Float) -> tuple[mi.Float, list[mi
 
 
 def _merge_emittance(columns: _Columns, shares: list[mi.Float], fine: mi.Color3f) -> mi.Color3f:
-    """Mean emittance over the columns, each merged front to back."""
+    """Mean emittance over the columns, each merged front to back, or over all of no shares."""
     mean = mi.Color3f(0.0)
+    if not shares:
+        for texel in (texel for pair in columns.texels for texel in pair):
+            mean += dr.gather(mi.Color3f, fine, texel) / (2.0 * len(columns.texels))
+        return mean
     for pair, share in zip(columns.texels, shares, strict=True):
         front, back = (dr.gather(mi.Color3f, fine, texel) for texel in pair)
         mean += 0.25 * dr.fma(as_component(share), back, front)

@@ -9,7 +9,7 @@ from tests.vctgi.hand_made_volumes import emittance_of, opacity_of, random_value
 from tests.vctgi.twins.downsampling import downsample_level
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
 from vctgi.maths.directions import DIRECTION_COUNT
-from vctgi.stages.downsampling import downsample
+from vctgi.stages.downsampling import DownsamplingConfig, downsample
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -77,3 +77,46 @@ def test_mips_are_made_although_they_start_empty() -> None:
         colors[level.level][:] = 0.0
     found_alpha, _ = on_host(alphas, colors)
     assert all((alpha > 0.0).all() for alpha in found_alpha)
+
+
+def test_averaging_mips_are_the_mean_of_eight_children() -> None:
+    where = lay_out_clipmap((0.0, 0.0, 0.0), finest_voxel_size=1.0, level_count=1, resolution=16)
+    alphas, colors = random_values(where, seed=8)
+    config = DownsamplingConfig(mips="average")
+    opacity, emittance = downsample(opacity_of(where, alphas), emittance_of(where, colors), config)
+    assert emittance is not None
+    alpha, color = alphas[0], colors[0]
+    for level in where.levels[1:]:
+        half = level.resolution
+        # Windows are aligned, so that blocks of storage are blocks of the world.
+        shape = (6, half, 2, half, 2, half, 2)
+        alpha = alpha.reshape(shape).mean(axis=(2, 4, 6))
+        color = color.reshape(*shape, 3).mean(axis=(2, 4, 6))
+        found = np.array(opacity.levels[level.level]).reshape(alpha.shape)
+        np.testing.assert_allclose(found, alpha, atol=1e-6)
+        found = np.array(emittance.levels[level.level]).T.reshape(color.shape)
+        np.testing.assert_allclose(found, color, atol=1e-6)
+
+
+def test_isotropic_voxels_are_as_closed_as_their_most_closed_side() -> None:
+    where = lay_out_clipmap((0.0, 0.0, 0.0), finest_voxel_size=1.0, level_count=1, resolution=8)
+    alphas, colors = random_values(where, seed=9)
+    opacity, emittance = downsample(
+        opacity_of(where, alphas),
+        emittance_of(where, colors),
+        DownsamplingConfig(mips="average", is_isotropic=True),
+    )
+    assert emittance is not None
+    largest = alphas[0].max(axis=0)
+    total = alphas[0].sum(axis=0)
+    radiance = colors[0].sum(axis=0) / np.maximum(total, 1e-9)[..., None]
+    found = np.array(opacity.levels[0]).reshape(alphas[0].shape)
+    lit = np.array(emittance.levels[0]).T.reshape(colors[0].shape)
+    for direction in range(6):
+        np.testing.assert_allclose(found[direction], largest, atol=1e-6)
+        np.testing.assert_allclose(lit[direction], largest[..., None] * radiance, atol=1e-5)
+
+
+def test_unknown_mips_are_refused() -> None:
+    with pytest.raises(ValueError, match="must be one of"):
+        DownsamplingConfig(mips="largest")  # type: ignore[arg-type]

@@ -6,7 +6,12 @@ import math
 
 import numpy as np
 
-from tests.vctgi.twins.reading import HostVolume, read_medium
+from tests.vctgi.twins.reading import (
+    HostVolume,
+    read_medium,
+    read_sample,
+    read_trilinear_medium,
+)
 from vctgi.clipmap.levels import WINDOW_MARGIN_VOXELS, ClipmapLayout
 from vctgi.stages.cone_tracing.march import LEVEL_BLEND, ConeMarchConfig
 
@@ -22,32 +27,42 @@ def march(
     """Return radiance and transmittance."""
     layout = volume.layout
     begin, end = march_range(layout, apex, axis, ratio)
+    voxel_size = layout.finest_voxel_size
+    if config.max_distance_voxels is not None:
+        end = min(end, config.max_distance_voxels * voxel_size)
+    if config.max_footprint_voxels is not None:
+        end = min(end, config.max_footprint_voxels * voxel_size / ratio)
     start = config.start_offset_voxels * layout.finest_voxel_size
     t = max(begin, start * 2.0 ** finest_level(layout, apex))
     radiance, transmittance = np.zeros(3), 1.0
     while t < end and transmittance > config.min_transmittance:
         held = layout.finest_voxel_size * 2.0 ** finest_level(layout, apex + t * axis)
-        step = max(config.step_ratio * ratio * t, config.min_step_voxels * held) * phase
+        wanted = config.step_ratio * ratio * t
+        if config.step_rule == "spheres":
+            # The next sphere begins where this one ends.
+            half = min(0.5 * ratio, 0.9)
+            wanted = t * (1.0 + half) / (1.0 - half) - t
+        step = max(wanted, config.min_step_voxels * held) * phase
         step = min(step, end - t)
         phase = 1.0
-        middle = t + 0.5 * step
-        extinction, source = read_at(volume, apex + middle * axis, axis, ratio * middle, config)
-        if extinction > 0.0:
-            stopped = 1.0 - math.exp(-extinction * step)
-            radiance += transmittance * stopped * source / extinction
-            transmittance *= 1.0 - stopped
+        place = t + config.sample_place * step
+        point = apex + place * axis
+        stopped, seen = step_at(volume, point, axis, ratio * place, step, config)
+        radiance += transmittance * seen
+        transmittance *= 1.0 - stopped
         t += step
     return radiance, transmittance
 
 
-def read_at(
+def step_at(
     volume: HostVolume,
     point: np.ndarray,
     axis: np.ndarray,
     footprint: float,
+    step: float,
     config: ConeMarchConfig,
 ) -> tuple[float, np.ndarray]:
-    """Read the two levels around a footprint."""
+    """Return what a step stops and adds, from the two levels around a footprint."""
     layout = volume.layout
     last = len(layout.levels) - 1
     wanted = math.log2(footprint / layout.finest_voxel_size) + config.level_bias
@@ -57,12 +72,33 @@ def read_at(
     reads = []
     for each in (finer, min(finer + 1, last)):
         back = config.pull_back_voxels * layout.levels[each].voxel_size
-        reads.append(read_medium(volume, each, point - back * axis, axis))
-    (ext_near, src_near), (ext_far, src_far) = reads
-    return (
-        (1.0 - blend) * ext_near + blend * ext_far,
-        (1.0 - blend) * src_near + blend * src_far,
-    )
+        reads.append(read(volume, each, point - back * axis, axis, config))
+    (near, near_color), (far, far_color) = reads
+    value = (1.0 - blend) * near + blend * far
+    color = (1.0 - blend) * near_color + blend * far_color
+    if value == 0.0:
+        return 0.0, np.zeros(3)
+    if config.correction == "depth":
+        stopped = 1.0 - math.exp(-value * step)
+        return stopped, stopped * color / value
+    voxels = config.correction_factor * step / (layout.finest_voxel_size * 2.0**level)
+    stopped = {
+        "exponent": 1.0 - (1.0 - value) ** voxels,
+        "linear": min(voxels * value, 1.0),
+        "none": value,
+    }[config.correction]
+    return stopped, color * (voxels if config.color == "proportional" else stopped / value)
+
+
+def read(
+    volume: HostVolume, level: int, point: np.ndarray, axis: np.ndarray, config: ConeMarchConfig
+) -> tuple[float, np.ndarray]:
+    """Read one level: extinction and source, or opacity and emittance."""
+    if config.correction != "depth":
+        return read_sample(volume, level, point, axis, config.weights)
+    if config.read == "trilinear":
+        return read_trilinear_medium(volume, level, point, axis, config.weights)
+    return read_medium(volume, level, point, axis)
 
 
 def finest_level(layout: ClipmapLayout, point: np.ndarray) -> float:

@@ -62,6 +62,65 @@ def read_medium(
     return extinction, source
 
 
+def read_sample(
+    volume: HostVolume, level: int, point: np.ndarray, direction: np.ndarray, weights: str
+) -> tuple[float, np.ndarray]:
+    """Return trilinear opacity and emittance of the slots that face a ray."""
+    opacity, emitted = 0.0, np.zeros(3)
+    for axis, share in enumerate(axis_shares(direction, weights)):
+        alpha, color = trilinear(volume, level, point, axis, direction[axis] < 0.0)
+        opacity += share * alpha
+        emitted += share * color
+    return min(opacity, 1.0), emitted
+
+
+def read_trilinear_medium(
+    volume: HostVolume, level: int, point: np.ndarray, direction: np.ndarray, weights: str
+) -> tuple[float, np.ndarray]:
+    """Return extinction and source per world unit, of opacity interpolated as alpha."""
+    extinction, source = 0.0, np.zeros(3)
+    for axis, share in enumerate(axis_shares(direction, weights)):
+        alpha, color = trilinear(volume, level, point, axis, direction[axis] < 0.0)
+        if alpha == 0.0:
+            continue
+        depth = min(-math.log1p(-alpha), OPTICAL_DEPTH_CAP) if alpha < 1.0 else OPTICAL_DEPTH_CAP
+        per_length = share / volume.layout.levels[level].voxel_size
+        extinction += per_length * depth
+        source += per_length * depth * color / alpha
+    return extinction, source
+
+
+def axis_shares(direction: np.ndarray, weights: str) -> np.ndarray:
+    """How much the slots along each axis count."""
+    projected = np.abs(direction)
+    shares: np.ndarray = {
+        "projected": projected,
+        "squared": direction**2,
+        "normalised": projected / projected.sum(),
+    }[weights]
+    return shares
+
+
+def trilinear(
+    volume: HostVolume, level: int, point: np.ndarray, axis: int, is_downwards: bool
+) -> tuple[float, np.ndarray]:
+    """Opacity and emittance of one axis' slots, interpolated over eight voxels."""
+    layout = volume.layout.levels[level]
+    place = point / layout.voxel_size - 0.5
+    lowest = np.floor(place).astype(int)
+    fraction = place - lowest
+    alpha, color = 0.0, np.zeros(3)
+    for steps in itertools.product(range(2), repeat=3):
+        step = np.array(steps)
+        if not is_held(lowest + step, layout):
+            continue
+        weight = float(np.prod(np.where(step == 1, fraction, 1.0 - fraction)))
+        where = (2 * axis + int(is_downwards), *address(lowest + step, layout))
+        alpha += weight * volume.alphas[level][where]
+        color += weight * volume.colors[level][where]
+    return alpha, color
+
+
 def read_surface(
     volume: HostVolume, level: int, point: np.ndarray, normal: np.ndarray
 ) -> tuple[np.ndarray, float]:

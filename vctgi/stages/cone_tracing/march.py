@@ -4,6 +4,10 @@ A cone accumulates radiance and loses transmittance in steps that grow with its 
 read from a coarser level than the one before. The march is continuous in its parameters: samples
 lie in the middle of their step, the last step ends exactly at the rim, levels are interpolated, and
 the phase of the first step can be jittered.
+
+Near opacity 1 it stays bounded: the optical depth of a voxel is at most OPTICAL_DEPTH_CAP of
+`clipmap/sampling.py`, so neither depth nor derivative becomes infinite. Recipes of other systems
+(`vctgi/peers.py`) are rules of the same loop.
 """
 
 from __future__ import annotations
@@ -14,55 +18,17 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.levels import WINDOW_MARGIN_VOXELS, ClipmapLayout
-from vctgi.clipmap.sampling import read_medium
+from vctgi.clipmap.sampling import read_medium, read_sample
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.stub_gaps import as_component
+from vctgi.stages.cone_tracing.march_config import ConeMarchConfig as ConeMarchConfig
+from vctgi.stages.cone_tracing.step_rules import corrected_sample, seen_in_medium, step_length
 
 LEVEL_BLEND = 0.15
 """Outer share of a window's half extent over which it fades into the next coarser level."""
 
 PARALLEL = 1e-12
 """Direction components below this count as parallel to a face of the window."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ConeMarchConfig:
-    """How a cone marches."""
-
-    step_ratio: float = 0.5
-    """Step length over footprint, (0, 1]."""
-    min_step_voxels: float = 0.25
-    """Shortest step, in voxels of the finest level that holds the sample, > 0."""
-    start_offset_voxels: float = 1.0
-    """Distance of the first sample from the apex, in voxels, >= 0."""
-    level_bias: float = -1.0
-    """Added to log2(footprint / finest voxel size)."""
-    pull_back_voxels: float = 0.25
-    """How far before the sample the voxels are read, because a ray meets a smeared wall early."""
-    min_transmittance: float = 1e-4
-    """A cone that lets less through has ended, [0, 1)."""
-
-    def __post_init__(self) -> None:
-        """Refuse a march that skips voxels or never ends."""
-        if not 0.0 < self.step_ratio <= 1.0:
-            raise ValueError(
-                f"ConeMarchConfig.step_ratio must be in (0, 1], got {self.step_ratio}: "
-                "a larger step skips voxels."
-            )
-        if not self.min_step_voxels > 0.0:
-            raise ValueError(
-                f"ConeMarchConfig.min_step_voxels must be > 0, got {self.min_step_voxels}: "
-                "a thin cone would never end."
-            )
-        if self.start_offset_voxels < 0.0:
-            raise ValueError(
-                f"ConeMarchConfig.start_offset_voxels must be >= 0, got {self.start_offset_voxels}."
-            )
-        if not 0.0 <= self.min_transmittance < 1.0:
-            raise ValueError(
-                "ConeMarchConfig.min_transmittance must be in [0, 1), "
-                f"got {self.min_transmittance}."
-            )
 
 
 @dataclass
@@ -124,6 +90,7 @@ def march_cone(
     width = max(dr.width(apex), dr.width(axis))
     full = dr.zeros(mi.Float, width)
     t_begin, t_end = _march_range(layout, apex, axis, cone_ratio)
+    t_end = _limited(layout, t_end, cone_ratio, config)
     start = config.start_offset_voxels * layout.finest_voxel_size
     next_float: float = 1.0 + dr.epsilon(mi.Float)  # type: ignore[no-untyped-call]
     t_start = dr.maximum(start * dr.exp2(finest_level(layout, apex)), t_near)
@@ -148,19 +115,14 @@ def march_cone(
         # Step length: the footprint sets it, and the voxels that exist here bound it from below.
         p_begin = mi.Point3f(dr.fma(axis, t, apex))
         held = layout.finest_voxel_size * dr.exp2(finest_level(layout, p_begin))
-        step = dr.maximum(config.step_ratio * cone_ratio * t, config.min_step_voxels * held)
+        step = step_length(t, held, cone_ratio, config)
         step = dr.minimum(step * step_share, t_end - t)
 
-        # Medium in the middle of the step, between the two levels that enclose the footprint.
-        t_middle = dr.fma(0.5, step, t)
-        p_middle = mi.Point3f(dr.fma(axis, t_middle, apex))
-        extinction, source = _read_at(volume, p_middle, axis, cone_ratio * t_middle, config)
-
-        # Emission and absorption over the step, in closed form for a homogeneous medium.
-        stopped = 1.0 - dr.exp(-extinction * step)
-        is_clear = extinction <= 0.0
-        seen = source * as_component(stopped / dr.select(is_clear, 1.0, extinction))
-        radiance = dr.fma(as_component(transmittance), dr.select(is_clear, 0.0, seen), radiance)
+        # Voxels at one place of the step, between the two levels that enclose the footprint there.
+        t_read = dr.fma(config.sample_place, step, t)
+        p_read = mi.Point3f(dr.fma(axis, t_read, apex))
+        stopped, seen = _step_at(volume, p_read, axis, cone_ratio * t_read, step, config)
+        radiance = dr.fma(as_component(transmittance), seen, radiance)
         # The step may be too short to change t in single precision far from the apex.
         t = dr.maximum(t + step, t * next_float)
         return t, full + 1.0, transmittance * (1.0 - stopped), radiance, step_count + 1
@@ -181,14 +143,15 @@ def march_cone(
     return ConeSample(radiance, transmittance, step_count)
 
 
-def _read_at(
+def _step_at(
     volume: VoxelVolume,
     p_world: mi.Point3f,
     axis: mi.Vector3f,
     footprint: mi.Float,
+    step: mi.Float,
     config: ConeMarchConfig,
 ) -> tuple[mi.Float, mi.Color3f]:
-    """Extinction and source per world unit at a footprint, interpolated between two levels."""
+    """Share that a step stops and radiance that it adds, interpolated between two levels."""
     layout = volume.layout
     last = len(layout.levels) - 1
     wanted = dr.log2(footprint / layout.finest_voxel_size) + config.level_bias
@@ -196,15 +159,35 @@ def _read_at(
     finer = dr.minimum(mi.UInt32(level), max(last - 1, 0))
     coarser = dr.minimum(finer + 1, last)
     blend = level - mi.Float(finer)
+    places = [(each, p_world - _pull_back(layout, each, axis, config)) for each in (finer, coarser)]
 
-    near, far = (
-        read_medium(volume, each, p_world - _pull_back(layout, each, axis, config), axis)
-        for each in (finer, coarser)
+    if config.correction == "depth":
+        near, far = (
+            read_medium(volume, each, place, axis, config.read, config.weights)
+            for each, place in places
+        )
+        extinction = dr.lerp(near.extinction, far.extinction, blend)
+        source = dr.lerp(near.source, far.source, as_component(blend))
+        return seen_in_medium(extinction, source, step)
+    fine, coarse = (
+        read_sample(volume, each, place, axis, config.weights) for each, place in places
     )
-    return (
-        dr.lerp(near.extinction, far.extinction, blend),
-        dr.lerp(near.source, far.source, as_component(blend)),
-    )
+    opacity = dr.lerp(fine.opacity, coarse.opacity, blend)
+    emitted = dr.lerp(fine.emittance, coarse.emittance, as_component(blend))
+    voxels = step / (layout.finest_voxel_size * dr.exp2(level))
+    return corrected_sample(opacity, emitted, voxels * config.correction_factor, config)
+
+
+def _limited(
+    layout: ClipmapLayout, t_end: mi.Float, cone_ratio: mi.Float, config: ConeMarchConfig
+) -> mi.Float:
+    """Return where cones end that have a limit of their own."""
+    if config.max_distance_voxels is not None:
+        t_end = dr.minimum(t_end, config.max_distance_voxels * layout.finest_voxel_size)
+    if config.max_footprint_voxels is not None:
+        widest = config.max_footprint_voxels * layout.finest_voxel_size
+        t_end = dr.minimum(t_end, widest / dr.maximum(cone_ratio, PARALLEL))
+    return t_end
 
 
 def _pull_back(
