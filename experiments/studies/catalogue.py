@@ -34,6 +34,10 @@ STUDIES = {
         "experiments.studies.light",
         "Does the power of every light arrive in the voxels, in the right place?",
     ),
+    "accuracy": StudyEntry(
+        "experiments.studies.accuracy",
+        "How exact is light by cones, with one configuration for all scenes?",
+    ),
 }
 """Studies by name."""
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from vctgi.clipmap.addressing import is_inside, texel_from_voxel
 from vctgi.clipmap.levels import ClipmapLayout, LevelLayout, lay_out_clipmap
-from vctgi.clipmap.slots import SlotRule, filled_layers, surface_slot
+from vctgi.clipmap.slots import MAX_THICKNESS, SlotRule, filled_layers, surface_slot
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap, VoxelVolume, pack_volume
 from vctgi.maths.directions import DIRECTION_COUNT, other_axes
 from vctgi.scene.materials import describe_material
@@ -42,6 +42,9 @@ LEAST_EXTENT = 2.6
 POINTS_PER_EDGE = 8
 """Points on a surface along an edge of a voxel's face."""
 
+WINDOW_REACH_VOXELS = MAX_THICKNESS + 1.0
+"""How far outside a window a point may lie that fills voxels of it, at most."""
+
 MISSED_OPACITY = 1e-3
 """Share of all opacity that may lie in slots which no point falls into: slivers of coverage that
 are smaller than a cell."""
@@ -67,7 +70,7 @@ def light_exactly(scene: mi.Scene, layout: ClipmapLayout, radiance: Radiance) ->
     scene
         Its first camera decides the sides of two-sided surfaces.
     layout
-        A single clip level and its mips.
+        Where the voxels lie.
     radiance
         What leaves the surfaces.
 
@@ -94,7 +97,7 @@ def surfaces_in(scene: mi.Scene) -> VoxelSurfaces:
 def exact_emittance(
     opacity: OpacityClipmap, triangles: np.ndarray, radiance: Radiance
 ) -> EmittanceClipmap:
-    """Return opacity times mean outgoing radiance for the slots of the finest level.
+    """Return opacity times mean outgoing radiance for the slots of every clip level.
 
     Parameters
     ----------
@@ -104,15 +107,39 @@ def exact_emittance(
         [triangle, corner, 3] world space, float64; the number of a triangle is its place here.
     radiance
         What leaves them.
+
+    Raises
+    ------
+    ValueError
+        Slots have opacity but no point of a surface falls into them.
     """
     layout = opacity.layout
-    level = layout.levels[0]
+    normals = unit_normals(triangles)
+    levels = [
+        _exact_level(opacity, level, (triangles, normals), radiance) for level in layout.clip_levels
+    ]
+    levels += [
+        dr.zeros(mi.Color3f, DIRECTION_COUNT * each.voxel_count)
+        for each in layout.levels[layout.clip_level_count :]
+    ]
+    return EmittanceClipmap(layout, levels, [0.0] * layout.clip_level_count)
+
+
+def _exact_level(
+    opacity: OpacityClipmap,
+    level: LevelLayout,
+    surfaces: tuple[np.ndarray, np.ndarray],
+    radiance: Radiance,
+) -> mi.Color3f:
+    """Emittance of one clip level, from triangles and their normals."""
+    triangles, normals = surfaces
     count = DIRECTION_COUNT * level.voxel_count
     sums = np.zeros((count, 3))
     weights = np.zeros(count)
-    normals = unit_normals(triangles)
     for axis in range(3):
         points, owner = grid_points(triangles, normals, axis, level.voxel_size / POINTS_PER_EDGE)
+        is_near = _near_window(points, level)
+        points, owner = points[is_near], owner[is_near]
         if len(points) == 0:
             continue
         leaving = radiance(points, normals[owner], owner)
@@ -121,19 +148,22 @@ def exact_emittance(
             weights += np.bincount(index[kept], minlength=count)
             for channel in range(3):
                 sums[:, channel] += np.bincount(index[kept], leaving[kept, channel], count)
-    alpha = np.array(opacity.levels[0], dtype=np.float64)
-    missed = float(alpha[weights == 0.0].sum() / alpha.sum())
-    if missed > MISSED_OPACITY:
+    alpha = np.array(opacity.levels[level.level], dtype=np.float64)
+    missed = float(alpha[weights == 0.0].sum())
+    if missed > MISSED_OPACITY * float(alpha.sum()):
         raise ValueError(
-            f"exact_emittance: {missed:.2%} of the opacity lies in slots that no point of a "
-            "surface falls into; raise POINTS_PER_EDGE."
+            f"exact_emittance: {missed / alpha.sum():.2%} of the opacity of level {level.level} "
+            "lies in slots that no point of a surface falls into; raise POINTS_PER_EDGE."
         )
     mean = sums / np.maximum(weights, 1.0)[:, None]
-    color = np.ascontiguousarray((alpha[:, None] * mean).T, dtype=np.float32)
-    levels = [mi.Color3f(color)] + [
-        dr.zeros(mi.Color3f, DIRECTION_COUNT * each.voxel_count) for each in layout.levels[1:]
-    ]
-    return EmittanceClipmap(layout, levels, [0.0])
+    return mi.Color3f(np.ascontiguousarray((alpha[:, None] * mean).T, dtype=np.float32))
+
+
+def _near_window(points: np.ndarray, level: LevelLayout) -> np.ndarray:
+    """Whether points [point, 3] may fill voxels of a level's window."""
+    reach = WINDOW_REACH_VOXELS * level.voxel_size
+    low, high = np.array(level.window_min) - reach, np.array(level.window_max) + reach
+    return np.asarray(((points > low) & (points < high)).all(axis=1))
 
 
 def grid_points(
