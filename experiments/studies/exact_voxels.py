@@ -134,8 +134,8 @@ def _exact_level(
     """Emittance of one clip level, from triangles and their normals."""
     triangles, normals = surfaces
     count = DIRECTION_COUNT * level.voxel_count
-    sums = np.zeros((count, 3))
-    weights = np.zeros(count)
+    filled: list[np.ndarray] = [np.zeros(0, dtype=np.int64)]
+    colors: list[np.ndarray] = [np.zeros((0, 3))]
     for axis in range(3):
         points, owner = grid_points(triangles, normals, axis, level.voxel_size / POINTS_PER_EDGE)
         is_near = _near_window(points, level)
@@ -144,19 +144,25 @@ def _exact_level(
             continue
         leaving = radiance(points, normals[owner], owner)
         for index, kept in _slots(points, normals[owner, axis], axis, level, opacity.rule):
-            # Every point stands for the same projected area; NumPy adds in one fixed order.
-            weights += np.bincount(index[kept], minlength=count)
-            for channel in range(3):
-                sums[:, channel] += np.bincount(index[kept], leaving[kept, channel], count)
-    alpha = np.array(opacity.levels[level.level], dtype=np.float64)
-    missed = float(alpha[weights == 0.0].sum())
-    if missed > MISSED_OPACITY * float(alpha.sum()):
+            filled.append(index[kept])
+            colors.append(leaving[kept])
+    # Every point stands for the same projected area; NumPy adds in one fixed order.
+    index, leaving = np.concatenate(filled), np.concatenate(colors)
+    weights = np.bincount(index, minlength=count)
+    alpha = np.array(opacity.levels[level.level])
+    total = float(alpha.sum(dtype=np.float64))
+    missed = float(alpha[weights == 0].sum(dtype=np.float64))
+    if missed > MISSED_OPACITY * total:
         raise ValueError(
-            f"exact_emittance: {missed / alpha.sum():.2%} of the opacity of level {level.level} "
-            "lies in slots that no point of a surface falls into; raise POINTS_PER_EDGE."
+            f"exact_emittance: {missed / total:.2%} of the opacity of level {level.level} lies in "
+            "slots that no point of a surface falls into; raise POINTS_PER_EDGE."
         )
-    mean = sums / np.maximum(weights, 1.0)[:, None]
-    return mi.Color3f(np.ascontiguousarray((alpha[:, None] * mean).T, dtype=np.float32))
+    touched = np.flatnonzero(weights)
+    color = np.zeros((3, count), dtype=np.float32)
+    for channel, values in enumerate(leaving.T):
+        sums = np.bincount(index, values, count)[touched]
+        color[channel, touched] = alpha[touched] * (sums / weights[touched])
+    return mi.Color3f(color)
 
 
 def _near_window(points: np.ndarray, level: LevelLayout) -> np.ndarray:
@@ -192,7 +198,7 @@ def grid_points(
             axes.append((np.arange(first, last) + 0.5) * spacing)
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
         origin, edges = corners[0][[u, v]], (corners[1:] - corners[0])[:, [u, v]]
-        share = np.linalg.solve(edges.T, (grid - origin).T).T
+        share = (grid - origin) @ np.linalg.inv(edges)
         is_inside = (share >= 0.0).all(axis=1) & (share.sum(axis=1) <= 1.0)
         found.append(corners[0] + share[is_inside] @ (corners[1:] - corners[0]))
         owners.append(np.full(int(is_inside.sum()), number))

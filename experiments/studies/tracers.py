@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import mitsuba as mi
 import numpy as np
@@ -31,17 +31,23 @@ from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig, trace_diffuse
 
 Found = TypeVar("Found")
 
-PHASE_COUNT = 8
-QUICK_PHASE_COUNT = 2
+PHASE_COUNTS: PhaseCounts = (8, 4)
 
 LayOut = Callable[[np.ndarray], ClipmapLayout]
 """Places voxels around triangles [triangle, corner, 3]."""
 
-Light = Callable[[mi.Scene, ClipmapLayout, Radiance], VoxelVolume]
-"""Fills voxels with a scene and with light, exact outgoing radiance being known."""
+PhaseCounts = tuple[int, int]
+"""Phases of the grid in a whole study, and in a quick one."""
 
 ByTracer = dict[str, list[np.ndarray]]
 """What each tracer found, by its name, at each phase."""
+
+
+class Light(Protocol):
+    """How light gets into voxels."""
+
+    def __call__(self, scene: mi.Scene, layout: ClipmapLayout, radiance: Radiance) -> VoxelVolume:
+        """Return lit voxels of a scene whose outgoing radiance is known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,12 +64,15 @@ class Bench:
         Where the voxels lie.
     light
         How light gets into them.
+    phases
+        At how many places of the grid they are read.
     """
 
     name: str
     tracers: Mapping[str, DiffuseConesConfig]
     lay_out: LayOut = lay_out_window
     light: Light = light_exactly
+    phases: PhaseCounts = PHASE_COUNTS
 
     def gather(
         self, volume: VoxelVolume, scene: mi.Scene, points: np.ndarray, normals: np.ndarray
@@ -87,9 +96,13 @@ def gather(
     return np.array(found, dtype=np.float64).T
 
 
-def over_phases(context: StudyContext, measure: Callable[[np.ndarray], Found]) -> list[Found]:
+def over_phases(
+    context: StudyContext,
+    measure: Callable[[np.ndarray], Found],
+    counts: PhaseCounts = PHASE_COUNTS,
+) -> list[Found]:
     """Return what `measure` gives for each phase, an offset [3] in voxels of the coarsest level."""
-    offsets = phase_offsets(QUICK_PHASE_COUNT if context.quick else PHASE_COUNT)
+    offsets = phase_offsets(counts[context.quick])
     found = []
     for number, offset in enumerate(offsets):
         context.progress("phases of the grid", number / len(offsets))
@@ -101,7 +114,7 @@ def by_tracer(
     context: StudyContext, bench: Bench, at_phase: Callable[[np.ndarray], dict[str, np.ndarray]]
 ) -> ByTracer:
     """Return what each tracer found at each phase, where `at_phase` gives it for all of them."""
-    phases = over_phases(context, at_phase)
+    phases = over_phases(context, at_phase, bench.phases)
     return {name: [each[name] for each in phases] for name in bench.tracers}
 
 

@@ -68,8 +68,9 @@ def lay_out_fine_window(triangles: np.ndarray) -> ClipmapLayout:
 
 
 _TRACERS = {column.name: column.cones for column in COLUMNS}
-CLIPMAP = Bench(name="clipmap", tracers=_TRACERS, lay_out=lay_out_windows)
-FINE = Bench(name="fine pyramid", tracers=_TRACERS, lay_out=lay_out_fine_window)
+_PHASES = (8, 2)
+CLIPMAP = Bench(name="clipmap", tracers=_TRACERS, lay_out=lay_out_windows, phases=_PHASES)
+FINE = Bench(name="fine pyramid", tracers=_TRACERS, lay_out=lay_out_fine_window, phases=_PHASES)
 
 WORDS = {
     CLIPMAP.name: f"{LEVEL_COUNT} levels of {RESOLUTION}^3 around the viewer, exact light",
