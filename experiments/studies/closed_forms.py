@@ -74,7 +74,7 @@ def leak(
     def rooms(thickness: float) -> scenes.ShiningScene:
         return _placed(scenes.divided_rooms(thickness, edge, seed=3), placement)
 
-    voxel_size = bench.lay_out(rooms(0.0).triangles).finest_voxel_size
+    voxel_size = bench.layout(context, rooms(0.0).triangles).finest_voxel_size
     scene = rooms(thickness_voxels * voxel_size)
     found = incident_in(context, bench, f"leak, {thickness_voxels}, {placement}", scene)
     return {name: [float(each.mean()) for each in phases] for name, phases in found.items()}

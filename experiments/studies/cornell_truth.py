@@ -80,7 +80,7 @@ def cornell_truth(context: StudyContext) -> CornellTruth:
 def cornell_by(context: StudyContext, bench: Bench) -> ByTracer:
     """Incident radiance [point, rgb] that the tracers of a bench find; found once."""
     truth = cornell_truth(context)
-    layout = bench.lay_out(truth.room.triangles)
+    layout = bench.layout(context, truth.room.triangles)
 
     def at_phase(phase: np.ndarray) -> dict[str, np.ndarray]:
         offset = phase * layout.coarsest.voxel_size

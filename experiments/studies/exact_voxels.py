@@ -45,6 +45,9 @@ POINTS_PER_EDGE = 8
 WINDOW_REACH_VOXELS = MAX_THICKNESS + 1.0
 """How far outside a window a point may lie that fills voxels of it, at most."""
 
+EVERYWHERE = (np.full(3, -np.inf), np.full(3, np.inf))
+"""A box without end."""
+
 MISSED_OPACITY = 1e-3
 """Share of all opacity that may lie in slots which no point falls into: slivers of coverage that
 are smaller than a cell."""
@@ -136,10 +139,11 @@ def _exact_level(
     count = DIRECTION_COUNT * level.voxel_count
     filled: list[np.ndarray] = [np.zeros(0, dtype=np.int64)]
     colors: list[np.ndarray] = [np.zeros((0, 3))]
+    reach = WINDOW_REACH_VOXELS * level.voxel_size
+    low, high = np.array(level.window_min) - reach, np.array(level.window_max) + reach
     for axis in range(3):
-        points, owner = grid_points(triangles, normals, axis, level.voxel_size / POINTS_PER_EDGE)
-        is_near = _near_window(points, level)
-        points, owner = points[is_near], owner[is_near]
+        spacing = level.voxel_size / POINTS_PER_EDGE
+        points, owner = grid_points(triangles, normals, axis, spacing, (low, high))
         if len(points) == 0:
             continue
         leaving = radiance(points, normals[owner], owner)
@@ -165,15 +169,12 @@ def _exact_level(
     return mi.Color3f(color)
 
 
-def _near_window(points: np.ndarray, level: LevelLayout) -> np.ndarray:
-    """Whether points [point, 3] may fill voxels of a level's window."""
-    reach = WINDOW_REACH_VOXELS * level.voxel_size
-    low, high = np.array(level.window_min) - reach, np.array(level.window_max) + reach
-    return np.asarray(((points > low) & (points < high)).all(axis=1))
-
-
 def grid_points(
-    triangles: np.ndarray, normals: np.ndarray, axis: int, spacing: float
+    triangles: np.ndarray,
+    normals: np.ndarray,
+    axis: int,
+    spacing: float,
+    box: tuple[np.ndarray, np.ndarray] = EVERYWHERE,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points of triangles above a regular grid across an axis, and the triangle of each.
 
@@ -185,6 +186,8 @@ def grid_points(
         The axis that the grid lies across.
     spacing
         Of the grid, whose points lie half a spacing from multiples of it, world units.
+    box
+        Lowest and highest corner of what is wanted.
     """
     u, v = other_axes(axis)
     found, owners = [], []
@@ -193,15 +196,17 @@ def grid_points(
             continue
         axes = []
         for across in (u, v):
-            first = np.floor(corners[:, across].min() / spacing)
-            last = np.ceil(corners[:, across].max() / spacing)
+            first = np.floor(max(corners[:, across].min(), box[0][across]) / spacing)
+            last = np.ceil(min(corners[:, across].max(), box[1][across]) / spacing)
             axes.append((np.arange(first, last) + 0.5) * spacing)
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
         origin, edges = corners[0][[u, v]], (corners[1:] - corners[0])[:, [u, v]]
         share = (grid - origin) @ np.linalg.inv(edges)
-        is_inside = (share >= 0.0).all(axis=1) & (share.sum(axis=1) <= 1.0)
-        found.append(corners[0] + share[is_inside] @ (corners[1:] - corners[0]))
-        owners.append(np.full(int(is_inside.sum()), number))
+        share = share[(share >= 0.0).all(axis=1) & (share.sum(axis=1) <= 1.0)]
+        points = corners[0] + share @ (corners[1:] - corners[0])
+        points = points[((points >= box[0]) & (points <= box[1])).all(axis=1)]
+        found.append(points)
+        owners.append(np.full(len(points), number))
     if not found:
         return np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
     return np.concatenate(found), np.concatenate(owners)

@@ -31,7 +31,7 @@ from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig, trace_diffuse
 
 Found = TypeVar("Found")
 
-PHASE_COUNTS: PhaseCounts = (8, 4)
+PHASE_COUNTS: PhaseCounts = (8, 2)
 
 LayOut = Callable[[np.ndarray], ClipmapLayout]
 """Places voxels around triangles [triangle, corner, 3]."""
@@ -60,8 +60,8 @@ class Bench:
         Unique within a study.
     tracers
         Cones or rays, by name.
-    lay_out
-        Where the voxels lie.
+    lay_out, quick_lay_out
+        Where the voxels lie, and where in a quick study if that has other ones.
     light
         How light gets into them.
     phases
@@ -71,8 +71,14 @@ class Bench:
     name: str
     tracers: Mapping[str, DiffuseConesConfig]
     lay_out: LayOut = lay_out_window
+    quick_lay_out: LayOut | None = None
     light: Light = light_exactly
     phases: PhaseCounts = PHASE_COUNTS
+
+    def layout(self, context: StudyContext, triangles: np.ndarray) -> ClipmapLayout:
+        """Return where the voxels lie around triangles [triangle, corner, 3]."""
+        lay_out = self.quick_lay_out if context.quick and self.quick_lay_out else self.lay_out
+        return lay_out(triangles)
 
     def gather(
         self, volume: VoxelVolume, scene: mi.Scene, points: np.ndarray, normals: np.ndarray
@@ -120,7 +126,7 @@ def by_tracer(
 
 def incident_in(context: StudyContext, bench: Bench, key: str, scene: ShiningScene) -> ByTracer:
     """E / pi [point] at the receivers of a scene; found once for a bench and a key."""
-    layout = bench.lay_out(scene.triangles)
+    layout = bench.layout(context, scene.triangles)
 
     def at_phase(offset: np.ndarray) -> dict[str, np.ndarray]:
         moved = scene.moved(offset * layout.coarsest.voxel_size)

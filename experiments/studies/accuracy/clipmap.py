@@ -48,29 +48,44 @@ REPETITIONS = (5, 3)
 """Timings of which the median is taken, in the whole study and in the quick one."""
 
 
-def lay_out_windows(triangles: np.ndarray) -> ClipmapLayout:
-    """Return the clipmap around the viewer, half of whose finest window is a pyramid's edge."""
-    voxel_size = lay_out_window(triangles).finest_voxel_size / FINER
+def lay_out_windows(triangles: np.ndarray, resolution: int = RESOLUTION) -> ClipmapLayout:
+    """Return the clipmap around the viewer, whose finest window is half a pyramid wide."""
+    voxel_size = _finest_voxel_size(triangles, resolution)
     return lay_out_clipmap(
-        VIEWER, finest_voxel_size=voxel_size, level_count=LEVEL_COUNT, resolution=RESOLUTION
+        VIEWER, finest_voxel_size=voxel_size, level_count=LEVEL_COUNT, resolution=resolution
     )
 
 
-def lay_out_fine_window(triangles: np.ndarray) -> ClipmapLayout:
+def lay_out_fine_window(triangles: np.ndarray, resolution: int = RESOLUTION) -> ClipmapLayout:
     """Return a pyramid over the whole scene with voxels as fine as the clipmap's finest."""
-    voxel_size = lay_out_window(triangles).finest_voxel_size / FINER
+    voxel_size = _finest_voxel_size(triangles, resolution)
     return lay_out_clipmap(
         (0.0, 0.0, 0.0),
         finest_voxel_size=voxel_size,
         level_count=1,
-        resolution=FINER * RESOLUTION,
+        resolution=FINER * resolution,
     )
 
 
+def _finest_voxel_size(triangles: np.ndarray, resolution: int) -> float:
+    return lay_out_window(triangles).finest_voxel_size * RESOLUTION / (FINER * resolution)
+
+
+_QUICK_RESOLUTION = RESOLUTION // 2
 _TRACERS = {column.name: column.cones for column in COLUMNS}
-_PHASES = (8, 2)
-CLIPMAP = Bench(name="clipmap", tracers=_TRACERS, lay_out=lay_out_windows, phases=_PHASES)
-FINE = Bench(name="fine pyramid", tracers=_TRACERS, lay_out=lay_out_fine_window, phases=_PHASES)
+
+CLIPMAP = Bench(
+    name="clipmap",
+    tracers=_TRACERS,
+    lay_out=lay_out_windows,
+    quick_lay_out=partial(lay_out_windows, resolution=_QUICK_RESOLUTION),
+)
+FINE = Bench(
+    name="fine pyramid",
+    tracers=_TRACERS,
+    lay_out=lay_out_fine_window,
+    quick_lay_out=partial(lay_out_fine_window, resolution=_QUICK_RESOLUTION),
+)
 
 WORDS = {
     CLIPMAP.name: f"{LEVEL_COUNT} levels of {RESOLUTION}^3 around the viewer, exact light",
@@ -123,7 +138,7 @@ def _volume(context: StudyContext, bench: Bench) -> VoxelVolume:
     room = cornell_truth(context).room
 
     def make() -> VoxelVolume:
-        return light_exactly(room.scene, bench.lay_out(room.triangles), room.radiance)
+        return light_exactly(room.scene, bench.layout(context, room.triangles), room.radiance)
 
     return context.once(f"{bench.name}, Cornell box at rest", make)
 
@@ -142,7 +157,7 @@ def _build_time(context: StudyContext) -> Measured:
         dr.eval(merged.levels)
         return merged
 
-    layouts = [bench.lay_out(room.triangles) for bench in (CLIPMAP, FINE)]
+    layouts = [bench.layout(context, room.triangles) for bench in (CLIPMAP, FINE)]
     return _ratio(context, [partial(build, layout) for layout in layouts])
 
 

@@ -91,7 +91,7 @@ def test_phases_are_counted_by_the_version_of_the_study() -> None:
 def test_exact_light_fills_every_clip_level() -> None:
     # A furnace of which the finest window holds a corner only.
     scene = scenes.white_furnace(1, seed=1)
-    layout = lay_out_clipmap((0.6, 0.6, 0.6), finest_voxel_size=0.05, level_count=3, resolution=16)
+    layout = lay_out_clipmap((0.8, 0.8, 0.8), finest_voxel_size=0.05, level_count=3, resolution=16)
     surfaces = surfaces_in(scene_of(scene.triangles))
     opacity = voxelize_opacity(surfaces, layout)
     radiance = constant_radiance(RADIANCE * scene.radiance)
