@@ -94,8 +94,8 @@ def _walls(*most: float) -> Mapping[float, float]:
 
 
 LEVEL_BIAS, PULL_BACK_VOXELS = -1.0, 0.4
-"""A level bias of -0.5 loses 4 % of the Cornell box's light with 64 cones. A pull-back of 0.25 loses
-0.6 % (17 cones) and 0.3 % (64) of it, one of 0.5 makes a square 19 % too bright."""
+"""A level bias of -0.5 loses 4 % of the Cornell box's light with 64 cones. A pull-back of 0.25
+loses 0.6 % (17 cones) and 0.3 % (64) of it, and one of 0.5 makes a square 19 % too bright."""
 
 
 def _cones(preset_name: str, near_field_voxels: float) -> DiffuseConesConfig:
