@@ -38,6 +38,10 @@ STUDIES = {
         "experiments.studies.peers",
         "What do the recipes of other systems make of the same voxels?",
     ),
+    "accuracy": StudyEntry(
+        "experiments.studies.accuracy",
+        "How exact is light by cones, with one configuration for all scenes?",
+    ),
 }
 """Studies by name."""
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from vctgi.clipmap.addressing import is_inside, texel_from_voxel
 from vctgi.clipmap.levels import ClipmapLayout, LevelLayout, lay_out_clipmap
-from vctgi.clipmap.slots import SlotRule, filled_layers, surface_slot
+from vctgi.clipmap.slots import MAX_THICKNESS, SlotRule, filled_layers, surface_slot
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap, VoxelVolume, pack_volume
 from vctgi.maths.directions import DIRECTION_COUNT, other_axes
 from vctgi.scene.materials import describe_material
@@ -42,6 +42,12 @@ LEAST_EXTENT = 2.6
 POINTS_PER_EDGE = 8
 """Points on a surface along an edge of a voxel's face."""
 
+WINDOW_REACH_VOXELS = MAX_THICKNESS + 1.0
+"""How far outside a window a point may lie that fills voxels of it, at most."""
+
+EVERYWHERE = (np.full(3, -np.inf), np.full(3, np.inf))
+"""A box without end."""
+
 MISSED_OPACITY = 1e-3
 """Share of all opacity that may lie in slots which no point falls into: slivers of coverage that
 are smaller than a cell."""
@@ -67,7 +73,7 @@ def light_exactly(scene: mi.Scene, layout: ClipmapLayout, radiance: Radiance) ->
     scene
         Its first camera decides the sides of two-sided surfaces.
     layout
-        A single clip level and its mips.
+        Where the voxels lie.
     radiance
         What leaves the surfaces.
 
@@ -94,7 +100,7 @@ def surfaces_in(scene: mi.Scene) -> VoxelSurfaces:
 def exact_emittance(
     opacity: OpacityClipmap, triangles: np.ndarray, radiance: Radiance
 ) -> EmittanceClipmap:
-    """Return opacity times mean outgoing radiance for the slots of the finest level.
+    """Return opacity times mean outgoing radiance for the slots of every clip level.
 
     Parameters
     ----------
@@ -104,40 +110,71 @@ def exact_emittance(
         [triangle, corner, 3] world space, float64; the number of a triangle is its place here.
     radiance
         What leaves them.
+
+    Raises
+    ------
+    ValueError
+        Slots have opacity but no point of a surface falls into them.
     """
     layout = opacity.layout
-    level = layout.levels[0]
-    count = DIRECTION_COUNT * level.voxel_count
-    sums = np.zeros((count, 3))
-    weights = np.zeros(count)
     normals = unit_normals(triangles)
+    levels = [
+        _exact_level(opacity, level, (triangles, normals), radiance) for level in layout.clip_levels
+    ]
+    levels += [
+        dr.zeros(mi.Color3f, DIRECTION_COUNT * each.voxel_count)
+        for each in layout.levels[layout.clip_level_count :]
+    ]
+    return EmittanceClipmap(layout, levels, [0.0] * layout.clip_level_count)
+
+
+def _exact_level(
+    opacity: OpacityClipmap,
+    level: LevelLayout,
+    surfaces: tuple[np.ndarray, np.ndarray],
+    radiance: Radiance,
+) -> mi.Color3f:
+    """Emittance of one clip level, from triangles and their normals."""
+    triangles, normals = surfaces
+    count = DIRECTION_COUNT * level.voxel_count
+    filled: list[np.ndarray] = [np.zeros(0, dtype=np.int64)]
+    colors: list[np.ndarray] = [np.zeros((0, 3))]
+    reach = WINDOW_REACH_VOXELS * level.voxel_size
+    low, high = np.array(level.window_min) - reach, np.array(level.window_max) + reach
     for axis in range(3):
-        points, owner = grid_points(triangles, normals, axis, level.voxel_size / POINTS_PER_EDGE)
+        spacing = level.voxel_size / POINTS_PER_EDGE
+        points, owner = grid_points(triangles, normals, axis, spacing, (low, high))
         if len(points) == 0:
             continue
         leaving = radiance(points, normals[owner], owner)
         for index, kept in _slots(points, normals[owner, axis], axis, level, opacity.rule):
-            # Every point stands for the same projected area; NumPy adds in one fixed order.
-            weights += np.bincount(index[kept], minlength=count)
-            for channel in range(3):
-                sums[:, channel] += np.bincount(index[kept], leaving[kept, channel], count)
-    alpha = np.array(opacity.levels[0], dtype=np.float64)
-    missed = float(alpha[weights == 0.0].sum() / alpha.sum())
-    if missed > MISSED_OPACITY:
+            filled.append(index[kept])
+            colors.append(leaving[kept])
+    # Every point stands for the same projected area; NumPy adds in one fixed order.
+    index, leaving = np.concatenate(filled), np.concatenate(colors)
+    weights = np.bincount(index, minlength=count)
+    alpha = np.array(opacity.levels[level.level])
+    total = float(alpha.sum(dtype=np.float64))
+    missed = float(alpha[weights == 0].sum(dtype=np.float64))
+    if missed > MISSED_OPACITY * total:
         raise ValueError(
-            f"exact_emittance: {missed:.2%} of the opacity lies in slots that no point of a "
-            "surface falls into; raise POINTS_PER_EDGE."
+            f"exact_emittance: {missed / total:.2%} of the opacity of level {level.level} lies in "
+            "slots that no point of a surface falls into; raise POINTS_PER_EDGE."
         )
-    mean = sums / np.maximum(weights, 1.0)[:, None]
-    color = np.ascontiguousarray((alpha[:, None] * mean).T, dtype=np.float32)
-    levels = [mi.Color3f(color)] + [
-        dr.zeros(mi.Color3f, DIRECTION_COUNT * each.voxel_count) for each in layout.levels[1:]
-    ]
-    return EmittanceClipmap(layout, levels, [0.0])
+    touched = np.flatnonzero(weights)
+    color = np.zeros((3, count), dtype=np.float32)
+    for channel, values in enumerate(leaving.T):
+        sums = np.bincount(index, values, count)[touched]
+        color[channel, touched] = alpha[touched] * (sums / weights[touched])
+    return mi.Color3f(color)
 
 
 def grid_points(
-    triangles: np.ndarray, normals: np.ndarray, axis: int, spacing: float
+    triangles: np.ndarray,
+    normals: np.ndarray,
+    axis: int,
+    spacing: float,
+    box: tuple[np.ndarray, np.ndarray] = EVERYWHERE,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points of triangles above a regular grid across an axis, and the triangle of each.
 
@@ -149,6 +186,8 @@ def grid_points(
         The axis that the grid lies across.
     spacing
         Of the grid, whose points lie half a spacing from multiples of it, world units.
+    box
+        Lowest and highest corner of what is wanted.
     """
     u, v = other_axes(axis)
     found, owners = [], []
@@ -157,15 +196,17 @@ def grid_points(
             continue
         axes = []
         for across in (u, v):
-            first = np.floor(corners[:, across].min() / spacing)
-            last = np.ceil(corners[:, across].max() / spacing)
+            first = np.floor(max(corners[:, across].min(), box[0][across]) / spacing)
+            last = np.ceil(min(corners[:, across].max(), box[1][across]) / spacing)
             axes.append((np.arange(first, last) + 0.5) * spacing)
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
         origin, edges = corners[0][[u, v]], (corners[1:] - corners[0])[:, [u, v]]
-        share = np.linalg.solve(edges.T, (grid - origin).T).T
-        is_inside = (share >= 0.0).all(axis=1) & (share.sum(axis=1) <= 1.0)
-        found.append(corners[0] + share[is_inside] @ (corners[1:] - corners[0]))
-        owners.append(np.full(int(is_inside.sum()), number))
+        share = (grid - origin) @ np.linalg.inv(edges)
+        share = share[(share >= 0.0).all(axis=1) & (share.sum(axis=1) <= 1.0)]
+        points = corners[0] + share @ (corners[1:] - corners[0])
+        points = points[((points >= box[0]) & (points <= box[1])).all(axis=1)]
+        found.append(points)
+        owners.append(np.full(len(points), number))
     if not found:
         return np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
     return np.concatenate(found), np.concatenate(owners)

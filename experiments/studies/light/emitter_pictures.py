@@ -26,6 +26,9 @@ WALLS = {"wall0": GREY, "wall1": [0.7, 0.2, 0.15], "wall3": [0.2, 0.5, 0.2], "wa
 UNSEEN = "directional area"
 """Mitsuba's path tracer finds no light of this kind, which has a direction but no solid angle."""
 
+IN_QUICK = ("point", "constant")
+"""A lamp and a light from outside, of which the quick study has a picture."""
+
 EDGE = (96, 32)
 """Pixels along an edge of a picture, in the whole study and in the quick one."""
 
@@ -56,6 +59,7 @@ def checks() -> list[Check]:
             limit_low=1.0 - ENERGY_WITHIN,
             limit_high=1.0 + ENERGY_WITHIN,
             goal=1.0,
+            in_quick=kind in IN_QUICK,
         )
         for kind in lit_scenes()
         if kind != UNSEEN

@@ -8,15 +8,16 @@ import numpy as np
 
 import vctgi
 from experiments.studies.check import Check, Measured, StudyContext, mean_of
-from experiments.studies.exact_voxels import lay_out_window, light_exactly, receivers, scene_of
-from experiments.studies.phases import phase_offsets
-from experiments.studies.representation.accuracy import (
+from experiments.studies.closed_forms import (
     FORM_FACTORS,
     PLACEMENTS,
     SQUARE_EDGE,
     SQUARES,
 )
-from experiments.studies.representation.thin_rays import RAYS, constant_radiance
+from experiments.studies.exact_voxels import lay_out_window, light_exactly, receivers, scene_of
+from experiments.studies.phases import phase_offsets
+from experiments.studies.representation.thin_rays import RAYS
+from experiments.studies.tracers import constant_radiance
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig, trace_diffuse
 
 CONES: dict[str, DiffuseConesConfig] = {

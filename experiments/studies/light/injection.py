@@ -11,7 +11,7 @@ import numpy as np
 from experiments.studies.check import Check, Measured, StudyContext
 from experiments.studies.exact_voxels import lay_out_window, surfaces_in
 from experiments.studies.light import injection_pictures
-from experiments.studies.light.injections import COMPARED, INJECTIONS, row
+from experiments.studies.light.injections import COMPARED, INJECTIONS, Limits, row
 from experiments.studies.light.lit_rooms import (
     LitPoints,
     bulb_room,
@@ -53,7 +53,7 @@ def checks() -> list[Check]:
     return [*_power_checks(), *_ripple_checks(), *injection_pictures.checks()]
 
 
-def _within(tolerance: float) -> dict[str, float]:
+def _within(tolerance: float) -> Limits:
     return {"limit_low": 1.0 - tolerance, "limit_high": 1.0 + tolerance}
 
 
@@ -64,12 +64,22 @@ def _power_checks() -> list[Check]:
             scene = f"bulb in a closed room, {where}"
             found = partial(_injected, how=how, where=where)
             seen = partial(_visible, how=how, where=where)
-            power_limits = _within(POWER_TOLERANCE) if how in KEEPS_POWER else {}
-            seen_limits = _within(within) if how in KEEPS_POWER else {}
+            power_limits: Limits = _within(POWER_TOLERANCE) if how in KEEPS_POWER else {}
+            seen_limits: Limits = _within(within) if how in KEEPS_POWER else {}
             rows.append(
                 row(f"flux found over injected, {where}", how, scene, found, **power_limits)
             )
-            rows.append(row(f"flux seen over leaving, {where}", how, scene, seen, **seen_limits))
+            quick = how == "scatter"
+            rows.append(
+                row(
+                    f"flux seen over leaving, {where}",
+                    how,
+                    scene,
+                    seen,
+                    in_quick=quick,
+                    **seen_limits,
+                )
+            )
     return rows
 
 
@@ -99,7 +109,7 @@ def _ripple_checks() -> list[Check]:
     rows = []
     for level in range(LEVELS):
         for how in COMPARED:
-            limits = {"limit_high": LARGEST_RIPPLE} if how == "scatter 3 wide" else {}
+            limits: Limits = {"limit_high": LARGEST_RIPPLE} if how == "scatter 3 wide" else {}
             found = partial(_ripple, how=how, level=level)
             rows.append(row(f"power ripple, level {level}", how, scene, found, **limits))
     lamp = f"lamp of {EMITTER_VOXELS:g} voxels at 100 places"

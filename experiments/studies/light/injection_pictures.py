@@ -21,7 +21,7 @@ from experiments.studies.exact_voxels import (
     light_exactly,
     receivers,
 )
-from experiments.studies.light.injections import COMPARED, INJECTIONS, PLACEMENTS, row
+from experiments.studies.light.injections import COMPARED, INJECTIONS, PLACEMENTS, Limits, row
 from experiments.studies.light.lit_rooms import (
     ALBEDO,
     EMISSION,
@@ -69,7 +69,7 @@ def _furnace_checks() -> list[Check]:
         ways = [(how, "default maps") for how in FURNACES] + [(SMOOTH, "16 texels a voxel")]
         for how, texels in ways:
             name = how if texels == "default maps" else f"{how}, {texels}"
-            limits = {"limit_low": FURNACE_MEAN} if how == SMOOTH else {}
+            limits: Limits = {"limit_low": FURNACE_MEAN} if how == SMOOTH else {}
             mean = partial(_furnace_mean, how=how, where=where, texels=texels)
             rows.append(row(f"furnace mean, {where}", name, scene, mean, **limits))
             limits = {"limit_high": FURNACE_LARGEST} if name != how else {}

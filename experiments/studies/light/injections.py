@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TypedDict, Unpack
 
 from experiments.studies.check import Check, Measured, StudyContext
 from vctgi.stages.light_injection import LightInjectionConfig
@@ -26,8 +27,28 @@ PLACEMENTS = {"axis": False, "turned": True}
 """Whether the scene is turned obliquely to the voxels."""
 
 
+class Limits(TypedDict, total=False):
+    """What a number must keep to, if anything."""
+
+    limit_low: float
+    limit_high: float
+
+
 def row(
-    name: str, how: str, scene: str, measure: Callable[[StudyContext], Measured], **limits: float
+    name: str,
+    how: str,
+    scene: str,
+    measure: Callable[[StudyContext], Measured],
+    *,
+    in_quick: bool = True,
+    **limits: Unpack[Limits],
 ) -> Check:
     """Return the check of one number of one way to inject light."""
-    return Check(name=f"{name}, {how}", configuration=how, scene=scene, measure=measure, **limits)
+    return Check(
+        name=f"{name}, {how}",
+        configuration=how,
+        scene=scene,
+        measure=measure,
+        in_quick=in_quick,
+        **limits,
+    )

@@ -18,7 +18,8 @@ from experiments.studies.cornell import cornell_box, path_traced, primary_hits
 from experiments.studies.exact_voxels import exact_emittance, lay_out_window, surfaces_in
 from experiments.studies.light import court, many_lamps
 from experiments.studies.light.emitters import direct_power, lit_scenes, map_power
-from experiments.studies.representation.thin_rays import CONFIGURATION, gather, over_phases
+from experiments.studies.representation.thin_rays import CONFIGURATION, gather
+from experiments.studies.tracers import over_phases
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap, pack_volume
 from vctgi.scene.lights import list_lights
 from vctgi.stages.downsampling import downsample
@@ -111,6 +112,7 @@ def _injected() -> list[Check]:
             configuration=configuration,
             scene=scene,
             measure=_energy,
+            in_quick=False,
             limit_low=1.0 - ENERGY_WITHIN,
             limit_high=1.0 + ENERGY_WITHIN,
             goal=1.0,
@@ -120,6 +122,7 @@ def _injected() -> list[Check]:
             configuration=configuration,
             scene=scene,
             measure=_added_relmse,
+            in_quick=False,
             limit_high=MOST_RELMSE_ADDED,
             goal=0.0,
         ),

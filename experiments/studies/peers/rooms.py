@@ -16,6 +16,7 @@ import numpy as np
 from experiments.studies import scenes
 from experiments.studies.check import Check, Measured, StudyContext, mean_of
 from experiments.studies.cornell import cornell_box, path_traced, primary_hits
+from experiments.studies.cornell_truth import CornellTruth
 from experiments.studies.exact_voxels import (
     Radiance,
     exact_emittance,
@@ -26,8 +27,7 @@ from experiments.studies.exact_voxels import (
 )
 from experiments.studies.peers.walls import OURS, recipe
 from experiments.studies.phases import phase_offsets
-from experiments.studies.representation.cornell_rows import Comparison
-from experiments.studies.representation.thin_rays import constant_radiance
+from experiments.studies.tracers import constant_radiance
 from vctgi.clipmap.levels import ClipmapLayout
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap, pack_volume
 from vctgi.peers import PEERS
@@ -134,7 +134,7 @@ def fill_room(
 
 
 def _energy(context: StudyContext, name: str, gain: float = 1.0) -> Measured:
-    truth = _reference(context).truth.mean()
+    truth = _reference(context).mean.mean()
     return mean_of([gain * float(v.mean() / truth) for v in _in_cornell(context, name)])
 
 
@@ -151,15 +151,15 @@ MEASURES = {"energy ratio": _energy, "relMSE": _relmse, "furnace": _furnace}
 CORNELL_NAME, FURNACE_NAME = "Cornell box", "box"
 
 
-def _reference(context: StudyContext) -> Comparison:
+def _reference(context: StudyContext) -> CornellTruth:
     """Return the Cornell box at rest by paths."""
 
-    def trace() -> Comparison:
+    def trace() -> CornellTruth:
         context.progress("paths", 0.0)
         room = cornell_box(np.zeros(3))
         at = primary_hits(room, PICTURE_EDGE[context.quick])
         first, second = (path_traced(room, at, PATH_COUNT[context.quick], n) for n in (1, 2))
-        return Comparison(room, at, [], (first, second))
+        return CornellTruth(room, at, (first, second))
 
     return context.once("paths", trace)
 

@@ -17,7 +17,7 @@ from experiments.studies.exact_voxels import (
     scene_of,
     surfaces_in,
 )
-from experiments.studies.representation.thin_rays import constant_radiance
+from experiments.studies.tracers import constant_radiance
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.stages.voxelization.opacity import voxelize_opacity
 from vctgi.stages.voxelization.triangles import unit_normals
