@@ -35,7 +35,7 @@ app = App(
 
 DEFAULT_CACHE = "the user's cache folder, or $VCTGI_CACHE"
 
-Preset = Annotated[str, Parameter(help="Named configuration: medium, high or ultra.")]
+Preset = Annotated[str, Parameter(help="Named configuration: ambient, medium, high or ultra.")]
 Resolution = Annotated[
     int,
     Parameter(
@@ -318,7 +318,7 @@ def _options(preset: str, spp: int, seed: int, cache: Path | None) -> RunOptions
     """Return the options of a run, refusing what it could not use."""
     from experiments.session import find_preset
 
-    find_preset(preset)
+    find_preset(preset, is_compared=True)
     from experiments.run import BATCH_COUNT, RunOptions
 
     if _at_least("--spp", spp, BATCH_COUNT) % BATCH_COUNT:

@@ -41,6 +41,9 @@ class ConeMarchConfig:
     """How far before the sample the voxels are read, because a ray meets a smeared wall early."""
     min_transmittance: float = 1e-4
     """A cone that lets less through has ended, [0, 1)."""
+    falloff_length: float | None = None
+    """If given, a voxel at distance t sends out exp(-t / falloff_length) in place of its light, so
+    that a cone gathers how far what is near closes it off; world units, > 0, may be infinite."""
 
     def __post_init__(self) -> None:
         """Refuse a march that skips voxels or never ends."""
@@ -62,6 +65,10 @@ class ConeMarchConfig:
             raise ValueError(
                 "ConeMarchConfig.min_transmittance must be in [0, 1), "
                 f"got {self.min_transmittance}."
+            )
+        if self.falloff_length is not None and not self.falloff_length > 0.0:
+            raise ValueError(
+                f"ConeMarchConfig.falloff_length must be > 0, got {self.falloff_length}."
             )
 
 
@@ -155,6 +162,8 @@ def march_cone(
         t_middle = dr.fma(0.5, step, t)
         p_middle = mi.Point3f(dr.fma(axis, t_middle, apex))
         extinction, source = _read_at(volume, p_middle, axis, cone_ratio * t_middle, config)
+        if config.falloff_length is not None:
+            source = mi.Color3f(extinction * dr.exp(t_middle * (-1.0 / config.falloff_length)))
 
         # Emission and absorption over the step, in closed form for a homogeneous medium.
         stopped = 1.0 - dr.exp(-extinction * step)

@@ -1,0 +1,4 @@
+"""Measure how exact the light is that cones gather, and what each way to save costs.
+
+The study is the sum of its parts, one module each.
+"""
