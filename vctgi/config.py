@@ -16,6 +16,7 @@ from vctgi.stages.cone_tracing.specular import SpecularConesConfig
 from vctgi.stages.gbuffer import GBufferConfig
 from vctgi.stages.light_injection import LightInjectionConfig
 from vctgi.stages.reconstruction.config import ReconstructionConfig
+from vctgi.stages.reconstruction.temporal import TemporalConfig
 from vctgi.stages.reflective_shadow_map import ReflectiveShadowMapConfig
 from vctgi.stages.slot_surfaces.slots import SlotSurfacesConfig
 from vctgi.stages.voxelization.opacity import OpacityVoxelizationConfig
@@ -62,6 +63,8 @@ class RenderConfig:
     """Cones of the mode "ambient"."""
     reconstruction: ReconstructionConfig = field(default_factory=ReconstructionConfig)
     """How many pixels trace diffuse or ambient cones."""
+    temporal: TemporalConfig = field(default_factory=TemporalConfig)
+    """How `vctgi.accumulate_frame` blends frames; a frame by itself knows no other."""
     samples_per_pixel: int = 4
     """Camera rays a pixel, >= 1. Each has cones of its own, or takes the diffuse light of the
     traced pixels around it."""

@@ -41,6 +41,8 @@ from vctgi.scene.triangles import extract_triangles
 from vctgi.stages.downsampling import downsample
 from vctgi.stages.light_injection import inject_light
 from vctgi.stages.outgoing_radiance import with_radiance
+from vctgi.stages.reconstruction.temporal import TemporalFrame as TemporalFrame
+from vctgi.stages.reconstruction.temporal import accumulate, project
 from vctgi.stages.reflective_shadow_map import render_reflective_shadow_maps
 from vctgi.stages.voxelization.emittance import voxelize_emission
 from vctgi.stages.voxelization.opacity import voxelize_triangles
@@ -206,3 +208,74 @@ def light_volume(
         assert lit is not None, "downsampling keeps the emittance it is given"
         volume = pack_volume(merged, lit, config.storage)
     return LitVolume(volume, lit.lost_flux_share, sum(m.texel_count for m in maps), fluxes)
+
+
+def accumulate_frame(
+    history: TemporalFrame | None, frame: Frame, sensor: mi.Sensor, config: RenderConfig
+) -> tuple[Frame, TemporalFrame]:
+    """Blend a frame with the light that earlier ones found on the same surfaces.
+
+    Parameters
+    ----------
+    history
+        What the call for the frame before returned; None for the first.
+    frame
+        The new frame, of another seed than the last.
+    sensor
+        Its camera.
+    config
+        How to blend.
+
+    Returns
+    -------
+    tuple
+        The frame with the accumulated light, and the history for the next.
+
+    Raises
+    ------
+    SceneError
+        The camera is none that can be followed.
+    """
+    height, width = frame.depth.shape[:2]
+    pixel = dr.arange(mi.UInt32, width * height)
+
+    def planes(tensor: mi.TensorXf) -> list[mi.Float]:
+        count = tensor.shape[2]
+        return [dr.gather(mi.Float, tensor.array, pixel * count + c) for c in range(count)]
+
+    def tensor(values: list[mi.Float]) -> mi.TensorXf:
+        flat = dr.empty(mi.Float, width * height * len(values))
+        for channel, value in enumerate(values):
+            dr.scatter(flat, value, pixel * len(values) + channel)
+        return mi.TensorXf(flat, (height, width, len(values)))
+
+    albedo = mi.Color3f(*planes(frame.albedo))
+    is_ambient = frame.ambient is not None
+    if frame.ambient is not None:
+        irradiance = mi.Color3f(planes(frame.ambient)[0])
+    else:
+        is_reflecting = albedo > 0.0
+        reflected = mi.Color3f(*planes(frame.indirect_diffuse))
+        irradiance = dr.select(
+            is_reflecting, reflected / dr.select(is_reflecting, albedo, 1.0), 0.0
+        )
+    new = TemporalFrame(
+        projection=project(sensor),
+        irradiance=irradiance,
+        specular=mi.Color3f(*planes(frame.indirect_specular)),
+        position=mi.Point3f(*planes(frame.position)),
+        normal=mi.Vector3f(*planes(frame.surface_normal)),
+        frame_count=dr.full(mi.Float, 1.0, width * height),
+    )
+    blended = accumulate(history, new, config.temporal)
+    if is_ambient:
+        return replace(frame, ambient=tensor([mi.Float(blended.irradiance.x)])), blended
+    diffuse = albedo * blended.irradiance
+    return (
+        replace(
+            frame,
+            indirect_diffuse=tensor([mi.Float(each) for each in diffuse]),
+            indirect_specular=tensor([mi.Float(each) for each in blended.specular]),
+        ),
+        blended,
+    )

@@ -81,6 +81,8 @@ def load_scene(
         Values for the parameters of an XML scene, or for the keyword arguments of a scene function.
     sensor_index
         Which camera, from 0.
+    needs_light
+        Whether a scene without light is refused.
 
     Raises
     ------

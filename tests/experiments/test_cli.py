@@ -47,7 +47,7 @@ def refused_line(capsys: pytest.CaptureFixture[str]) -> str:
     [
         (["report", "nowhere.xml"], "nowhere.xml"),
         (["report", "no_such_scene"], "cornell_box"),
-        (["report", "cornell_box", "--preset", "best"], "use medium, high, ultra"),
+        (["report", "cornell_box", "--preset", "best"], "use ambient, medium, high, ultra"),
         (["report", "cornell_box", "--spp", "12"], "multiple of 8"),
         (["report", "cornell_box", "--spp", "0"], "at least 8"),
         (["report", "cornell_box", "--resolution", "4"], "at least 16"),

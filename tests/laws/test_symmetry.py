@@ -157,6 +157,8 @@ def render(outer: np.ndarray, is_tinted: bool = False) -> np.ndarray:
     config = replace(
         config,
         diffuse=replace(config.diffuse, is_rotated=False),
+        # The pattern of sparse pixels has no mirror image in itself.
+        reconstruction=replace(config.reconstruction, sparsity=1),
         # One finest level about the origin, whatever the picture shows.
         clipmap=replace(
             config.clipmap,

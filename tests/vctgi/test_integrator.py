@@ -138,7 +138,9 @@ def test_same_seed_gives_the_same_picture(scene: mi.Scene) -> None:
 
 
 def test_unknown_preset_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(Exception, match="no preset 'best'; choose one of medium, high, ultra"):
+    with pytest.raises(
+        Exception, match="no preset 'best'; choose one of ambient, medium, high, ultra"
+    ):
         mi.load_dict({"type": "vctgi", "preset": "best"})
     assert known_presets() == list(PRESETS)
 

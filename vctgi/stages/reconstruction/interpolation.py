@@ -22,7 +22,7 @@ from vctgi.scene.records import GBuffer
 from vctgi.stages.reconstruction.config import ReconstructionConfig
 from vctgi.stages.reconstruction.sparse_pixels import SparseGrid, select_sparse_pixels
 
-Gather = Callable[[GBuffer], mi.Color3f]
+Gather = Callable[[GBuffer], "mi.Color3f"]
 """Returns the light that visible points gather, albedo left out."""
 
 
@@ -185,10 +185,9 @@ def _likeness(own: _Surface, other: _Surface, config: ReconstructionConfig) -> m
     # has no unit, so it means the same near and far, and in grazing view.
     between = mi.Vector3f(other.position - own.position)
     distance = mi.Float(dr.norm(between))
-    off_plane = dr.maximum(
-        dr.abs(dr.dot(own.normal, between)), dr.abs(dr.dot(other.normal, between))
-    )
-    slope = mi.Float(off_plane) / dr.select(distance > 0.0, distance, 1.0)
+    from_own = mi.Float(dr.abs(dr.dot(own.normal, between)))
+    from_other = mi.Float(dr.abs(dr.dot(other.normal, between)))
+    slope = dr.maximum(from_own, from_other) / dr.select(distance > 0.0, distance, 1.0)
     by_plane = 1.0 - slope / config.max_plane_slope
 
     nearer = dr.minimum(own.depth, other.depth)
