@@ -215,11 +215,9 @@ def _camera_rays(
     sensor: mi.Sensor, place: mi.Point2f, sample_index: mi.UInt32
 ) -> mi.RayDifferential3f:
     """Rays through places of the picture, pixels from its upper left corner."""
-    film = sensor.film()
-    size, offset = film.size(), film.crop_offset()
-    position = (place + mi.Point2f(float(offset[0]), float(offset[1]))) / mi.Point2f(
-        float(size[0]), float(size[1])
-    )
+    width, height = (float(n) for n in sensor.film().crop_size())
+    # Mitsuba's sensors count the unit square over the crop window, not over the film.
+    position = place / mi.Point2f(width, height)
     lens = mi.Point2f(random_unit(sample_index, 1), random_unit(sample_index, 2))
     time = sensor.shutter_open() + sensor.shutter_open_time() * random_unit(sample_index, 3)
     ray, _ = sensor.sample_ray_differential(

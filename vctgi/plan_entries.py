@@ -42,15 +42,16 @@ def ambient_entries(config: RenderConfig) -> list[PlanEntry]:
 
 def sparse_entry(config: RenderConfig) -> PlanEntry:
     """Say how many pixels trace diffuse cones."""
-    sparsity, count = config.reconstruction.sparsity, config.samples_per_pixel
+    sparsity = config.reconstruction.sparsity
     item = "diffuse cones of every camera ray"
     if sparsity == 1:
         return PlanEntry(item=item, kept=True, reason="reconstruction.sparsity = 1")
-    share = 1.0 - 1.0 / (sparsity * count)
+    is_once = config.reconstruction.is_traced_once
+    share = 1.0 - 1.0 / (sparsity * (config.samples_per_pixel if is_once else 1))
     return PlanEntry(
         item=item,
         kept=False,
-        reason=f"reconstruction.sparsity = {sparsity}: one ray of every {sparsity}th pixel traces "
-        "cones, the others interpolate or, where they find no neighbour, trace too",
+        reason=f"reconstruction.sparsity = {sparsity}: one of {sparsity} traces cones, the others "
+        "interpolate or, where they find no neighbour, trace too",
         saved=f"up to {share:.1%} of these cones",
     )

@@ -125,7 +125,7 @@ def project(sensor: mi.Sensor) -> Projection:
     half_width = math.tan(0.5 * math.radians(float(np.ravel(parameters["x_fov"])[0])))
     focal = 0.5 * size[0] / half_width
     shift = [float(np.ravel(parameters[f"principal_point_offset_{axis}"])[0]) for axis in "xy"]
-    centre = size * (0.5 + np.array(shift)) - offset
+    centre = size * (0.5 - np.array(shift)) - offset
     film_from_camera = np.array(
         [
             [-focal, 0.0, centre[0], 0.0],
