@@ -78,7 +78,8 @@ def test_ambient_preset_renders_a_scene_without_light() -> None:
 
 def test_every_ray_of_the_plugin_has_cones_of_its_own() -> None:
     assert vctgi.preset("high").reconstruction.sparsity == 9
-    assert plugin(preset="high").config.reconstruction.sparsity == 1
+    integrator: Any = plugin(preset="high")
+    assert integrator.config.reconstruction.sparsity == 1
 
 
 def test_direct_light_is_mitsubas_own(scene: mi.Scene) -> None:

@@ -48,7 +48,7 @@ def wall_seen_by(sensor: mi.Sensor, depth: float, light: Any) -> TemporalFrame:
     place = mi.Point2f(pixel % int(crop[0]), pixel // int(crop[0])) + 0.5
     position = place / mi.Point2f(float(crop[0]), float(crop[1]))
     ray, _ = sensor.sample_ray(as_component(0.0), as_component(0.5), position, mi.Point2f(0.5))
-    p = mi.Point3f(ray.o + ray.d * ((depth - ray.o.z) / ray.d.z))
+    p = ray(as_component((depth - ray.o.z) / ray.d.z))
     count = dr.width(p)
     return TemporalFrame(
         projection=project(sensor),
@@ -61,7 +61,8 @@ def wall_seen_by(sensor: mi.Sensor, depth: float, light: Any) -> TemporalFrame:
 
 
 def irradiance(frame: TemporalFrame) -> np.ndarray:
-    return np.array(frame.irradiance)[1]
+    green: np.ndarray = np.array(frame.irradiance)[1]
+    return green
 
 
 @pytest.mark.parametrize(
@@ -185,4 +186,4 @@ def test_other_cameras_are_refused() -> None:
 )
 def test_impossible_settings_are_refused(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=name):
-        replace(TemporalConfig(), **{name: value})
+        replace(TemporalConfig(), **{name: value})  # type: ignore[arg-type]
