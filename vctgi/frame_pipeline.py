@@ -24,7 +24,7 @@ from vctgi.stages.cone_tracing.ambient import trace_ambient
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
 from vctgi.stages.cone_tracing.specular import trace_specular
 from vctgi.stages.gbuffer import trace_gbuffer
-from vctgi.stages.reconstruction.interpolation import Gather, interpolate, trace_sparse
+from vctgi.stages.reconstruction.interpolation import Gather, interpolate, refine, trace_sparse
 from vctgi.stages.reconstruction.sparse_pixels import SparseGrid
 
 
@@ -118,8 +118,9 @@ def render_frame(
                 grid = SparseGrid(width=width, height=height, edge=edge, layer=number)
                 traced = trace_sparse(gbuffer, place, grid, gather)
             with clock("interpolation"):
-                found = interpolate(gbuffer, place, traced, config.reconstruction, gather)
-            incident, refined_count = found.light, refined_count + found.traced_count
+                found = interpolate(gbuffer, place, traced, config.reconstruction)
+            incident = refine(gbuffer, found, gather)
+            refined_count += dr.width(found.alone)
         if is_ambient:
             sample = _ambient_sample(gbuffer, incident)
         else:

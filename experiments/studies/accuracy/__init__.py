@@ -2,3 +2,5 @@
 
 The study is the sum of its parts, one module each.
 """
+
+from __future__ import annotations

@@ -60,18 +60,18 @@ class _Surface:
 
 @dataclass
 class Interpolated:
-    """Light of every ray.
+    """Light of every ray that found it, and which did not.
 
     Attributes
     ----------
     light
         As the traced pixels have it.
-    traced_count
-        Rays that found too few neighbours, and gathered light of their own.
+    alone
+        Numbers of the rays that found too few neighbours, and have to gather light of their own.
     """
 
     light: mi.Color3f
-    traced_count: int
+    alone: mi.UInt32
 
 
 def trace_sparse(
@@ -102,9 +102,8 @@ def interpolate(
     place: mi.Point2f,
     traced: TracedPixels,
     config: ReconstructionConfig,
-    gather: Gather,
 ) -> Interpolated:
-    """Give every ray light: that of the traced pixels of its surface, or its own.
+    """Give every ray the light of the traced pixels of its surface.
 
     Parameters
     ----------
@@ -115,8 +114,6 @@ def interpolate(
         The traced pixels.
     config
         What counts as the same surface, and how much of it is needed.
-    gather
-        Gathers the light of rays that find too few neighbours.
 
     References
     ----------
@@ -124,13 +121,28 @@ def interpolate(
     """
     own = _surface_of(gbuffer)
     light, support = _weigh_neighbours(own, place, traced, config)
-    alone = mi.UInt32(dr.compress(own.is_usable & (support < config.min_support)))
-    count = dr.width(alone)
-    if count > 0:
-        dr.eval(light)
-        dr.scatter(light, _gather_at(gbuffer, alone, gather), alone)
     dr.eval(light)
-    return Interpolated(light, count)
+    alone = mi.UInt32(dr.compress(own.is_usable & (support < config.min_support)))
+    return Interpolated(light, alone)
+
+
+def refine(gbuffer: GBuffer, found: Interpolated, gather: Gather) -> mi.Color3f:
+    """Return the light of all rays, those without neighbours traced by themselves.
+
+    Parameters
+    ----------
+    gbuffer
+        One ray of every pixel.
+    found
+        What interpolation gave them.
+    gather
+        Gathers light.
+    """
+    light = mi.Color3f(found.light)
+    if dr.width(found.alone) > 0:
+        dr.scatter(light, _gather_at(gbuffer, found.alone, gather), found.alone)
+        dr.eval(light)
+    return light
 
 
 def _weigh_neighbours(

@@ -11,7 +11,7 @@ import numpy as np
 from tests.vctgi.surface_points import surface_points
 from vctgi.scene.records import GBuffer
 from vctgi.stages.reconstruction.config import ReconstructionConfig
-from vctgi.stages.reconstruction.interpolation import interpolate, trace_sparse
+from vctgi.stages.reconstruction.interpolation import interpolate, refine, trace_sparse
 from vctgi.stages.reconstruction.sparse_pixels import SparseGrid
 
 
@@ -89,5 +89,6 @@ def reconstruct(
     grid = SparseGrid(width=width, height=height, edge=config.edge)
     traced = trace_sparse(picture.gbuffer, picture.place, grid, picture.gather)
     asked = other or picture
-    found = interpolate(asked.gbuffer, asked.place, traced, config, asked.gather)
-    return np.array(found.light)[1].reshape(height, width), found.traced_count
+    found = interpolate(asked.gbuffer, asked.place, traced, config)
+    light = refine(asked.gbuffer, found, asked.gather)
+    return np.array(light)[1].reshape(height, width), int(dr.width(found.alone))
