@@ -128,7 +128,7 @@ PRESETS: dict[str, RenderConfig] = {
         _DEFAULT,
         mode="ambient",
         samples_per_pixel=2,
-        reconstruction=ReconstructionConfig(sparsity=9),
+        reconstruction=ReconstructionConfig(sparsity=4),
     ),
     "medium": replace(
         _DEFAULT,

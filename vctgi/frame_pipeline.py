@@ -17,7 +17,6 @@ from vctgi.config import RenderConfig
 from vctgi.maths.directions import TEA_ROUNDS, kronecker_points, random_unit
 from vctgi.maths.stub_gaps import as_bits, as_component
 from vctgi.prepared import PreparedScene, StageClock, no_clock
-from vctgi.scene.extent import half_extent
 from vctgi.scene.records import GBuffer
 from vctgi.stages.composite import IndirectLight, composite
 from vctgi.stages.cone_tracing.ambient import trace_ambient
@@ -183,8 +182,7 @@ def gather_ambient(
     prepared: PreparedScene, gbuffer: GBuffer, volume: VoxelVolume, config: RenderConfig
 ) -> mi.Float:
     """Return how open the hemisphere over visible points is, [0, 1]."""
-    extent = 2.0 * float(half_extent(prepared.scene)[0])
-    return trace_ambient(gbuffer, volume, config.ambient, extent)
+    return trace_ambient(gbuffer, volume, config.ambient, prepared.scene)
 
 
 def _gatherer(

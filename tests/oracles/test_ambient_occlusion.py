@@ -19,7 +19,6 @@ from tests.vctgi.small_scenes import camera, diffuse, load, room
 from tests.vctgi.surface_points import points_in_room, surface_points
 from vctgi.config import RenderConfig, preset
 from vctgi.pipeline import light_volume, prepare_scene, render_frame
-from vctgi.scene.extent import half_extent
 from vctgi.stages.cone_tracing.ambient import AmbientConfig, trace_ambient
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -51,8 +50,7 @@ def openness(scene: mi.Scene, config: RenderConfig, points: np.ndarray, normals:
     prepared = prepare_scene(scene, scene.sensors()[0], config)
     volume = light_volume(prepared, config).volume
     normals = np.broadcast_to(np.array(normals, float), points.shape)
-    extent = 2.0 * float(half_extent(scene)[0])
-    return np.array(trace_ambient(surface_points(points, normals), volume, config.ambient, extent))
+    return np.array(trace_ambient(surface_points(points, normals), volume, config.ambient, scene))
 
 
 def floor(**more: Any) -> dict[str, Any]:
@@ -159,6 +157,7 @@ def test_background_is_open() -> None:
     ("changes", "message"),
     [
         ({"cone_count": 5}, "cone_count must be one of"),
+        ({"near_field_voxels": -1.0}, "near_field_voxels must be >= 0"),
         ({"range_world": 1.0}, "two ways to say one thing"),
         ({"range_share": 0.0}, "range_share must be > 0"),
         ({"range_share": None, "range_world": -1.0}, "range_world must be > 0"),

@@ -17,8 +17,10 @@ import mitsuba as mi
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.cones import RINGS, ratio_from_aperture, ring_cone_set
 from vctgi.maths.directions import random_unit
+from vctgi.scene.extent import half_extent
 from vctgi.scene.records import GBuffer
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, march_cone
+from vctgi.stages.cone_tracing.near_field import trace_near_field
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +38,9 @@ class AmbientConfig:
     """Whether each pixel turns its cones about the normal by an angle of its own."""
     is_jittered: bool = True
     """Whether each cone takes a random share of its first step."""
+    near_field_voxels: float = 2.0
+    """Length of the real ray that replaces the beginning of a cone, in voxels, >= 0; 0: none, and
+    what is nearer than the march's start closes off nothing."""
     march: ConeMarchConfig = field(default_factory=ConeMarchConfig)
     """How the cones march; their falloff is set from the range."""
 
@@ -49,6 +54,10 @@ class AmbientConfig:
             raise ValueError(
                 "AmbientConfig.range_world and range_share are two ways to say one thing: "
                 "set one of them to None."
+            )
+        if self.near_field_voxels < 0.0:
+            raise ValueError(
+                f"AmbientConfig.near_field_voxels must be >= 0, got {self.near_field_voxels}."
             )
         for name in ("range_world", "range_share"):
             value = getattr(self, name)
@@ -65,7 +74,7 @@ class AmbientConfig:
 
 
 def trace_ambient(
-    gbuffer: GBuffer, volume: VoxelVolume, config: AmbientConfig, scene_extent: float
+    gbuffer: GBuffer, volume: VoxelVolume, config: AmbientConfig, scene: mi.Scene
 ) -> mi.Float:
     """Return how open the hemisphere over each visible point is.
 
@@ -77,8 +86,8 @@ def trace_ambient(
         Voxels, of which only the opacity is read.
     config
         Cones and range.
-    scene_extent
-        Longest edge of the scene's bounds, world units.
+    scene
+        Geometry, whose extent the range may be a share of, and which the near field traces.
 
     Returns
     -------
@@ -92,11 +101,13 @@ def trace_ambient(
     [Zhukov1998].
     """
     cones = ring_cone_set(config.cone_count)
-    march = replace(config.march, falloff_length=config.range_in(scene_extent))
+    reach = config.range_in(2.0 * float(half_extent(scene)[0]))
+    march = replace(config.march, falloff_length=reach)
     points = dr.width(gbuffer.position)
+    apex, normal, near_voxels = gbuffer.position, gbuffer.normal, config.near_field_voxels
     turn = 2.0 * math.pi * random_unit(gbuffer.sample_index, ROTATION_STREAM)
     sin, cos = dr.sincos(turn if config.is_rotated else dr.zeros(mi.Float, points))
-    frame = mi.Frame3f(gbuffer.normal)
+    frame = mi.Frame3f(normal)
     closed = dr.zeros(mi.Float, points)
     for number, direction in enumerate(cones.directions):
         # Opaque, so that all cones share one kernel.
@@ -105,12 +116,19 @@ def trace_ambient(
         ratio = dr.opaque(mi.Float, ratio_from_aperture(cones.apertures[number]))
         stream = dr.opaque(mi.UInt32, PHASE_STREAM + number)
         jitter = random_unit(gbuffer.sample_index, stream) if config.is_jittered else mi.Float(0.0)
-        cone = march_cone(
-            volume, gbuffer.position, axis, ratio, 1.0 - jitter, march, mi.Bool(gbuffer.is_valid)
-        )
+        active = mi.Bool(gbuffer.is_valid)
+        hidden = mi.Float(0.0)
+        begin = mi.Float(0.0)
+        if config.near_field_voxels > 0.0:
+            near = trace_near_field(scene, volume, apex, normal, axis, near_voxels, active)
+            hidden = dr.select(near.is_hit, dr.exp(near.distance * (-1.0 / reach)), 0.0)
+            active, begin = active & ~near.is_hit, near.reach
+        phase = mi.Float(1.0 - jitter)
+        cone = march_cone(volume, apex, axis, ratio, phase, march, active, begin)
         weight = dr.opaque(mi.Float, cones.weights[number])
-        closed = dr.fma(weight, mi.Float(cone.radiance.x), closed)
+        closed = dr.fma(weight, mi.Float(cone.radiance.x) + hidden, closed)
         dr.eval(closed)
+    # Weights sum to 1 but for rounding.
     return dr.select(gbuffer.is_valid, 1.0 - dr.minimum(closed, 1.0), 1.0)
 
 
