@@ -38,8 +38,8 @@ DEFAULT_CACHE = "the user's cache folder, or $VCTGI_CACHE"
 Preset = Annotated[
     str,
     Parameter(
-        help="Named configuration: medium, high, ultra, or the recipe of another system as "
-        "peer:compix, with its own scale as peer:compix:published; a wrong name lists all."
+        help="Named configuration: ambient, medium, high, ultra, or the recipe of another system, "
+        "such as peer:compix, with its own scale peer:compix:published; a wrong name lists all."
     ),
 ]
 Resolution = Annotated[
@@ -324,7 +324,7 @@ def _options(preset: str, spp: int, seed: int, cache: Path | None) -> RunOptions
     """Return the options of a run, refusing what it could not use."""
     from experiments.session import find_preset
 
-    find_preset(preset)
+    find_preset(preset, is_compared=True)
     from experiments.run import BATCH_COUNT, RunOptions
 
     if _at_least("--spp", spp, BATCH_COUNT) % BATCH_COUNT:

@@ -2,6 +2,8 @@
 
 Channels: R G B, and `NAME.R` and so on for each component in W m^-2 sr^-1; a frame also has albedo,
 `normal.X`, `depth.Z`; a reference has `variance_NAME.R`, the variance of each component's mean.
+In the mode "ambient" a frame has no light but `ambient.Y`, and R G B is what even light of radiance
+1 from all around would show: albedo times `ambient.Y`.
 """
 
 from __future__ import annotations
@@ -26,8 +28,9 @@ from experiments.run import (
 from experiments.scenes import LoadedScene, load_scene
 from experiments.session import find_preset, start_mitsuba, writable_file, writable_folder
 from experiments.voxel_folder import write_voxel_folder
+from vctgi.pipeline import Frame
 
-AXES = {"normal": "XYZ", "depth": "Z"}
+AXES = {"normal": "XYZ", "depth": "Z", "ambient": "Y"}
 """Channel suffixes of what is not a colour."""
 
 
@@ -51,7 +54,7 @@ def render_frame_file(  # noqa: PLR0913 - the options of a command
     Returns
     -------
     list of str
-        What was written beside it, a line each; nothing unless `debug` names something.
+        What was written beside it, and what the frame says of itself, a line each.
 
     Raises
     ------
@@ -67,12 +70,15 @@ def render_frame_file(  # noqa: PLR0913 - the options of a command
             remedy=f"use {', '.join(DEBUG_NAMES)}",
         )
     start_mitsuba(variant)
-    loaded = load_scene(source, resolution=resolution, sensor_index=sensor)
+    config = vctgi.preset(preset)
+    is_ambient = config.mode == "ambient"
+    loaded = load_scene(
+        source, resolution=resolution, sensor_index=sensor, needs_light=not is_ambient
+    )
     writable_file(output)
     folder = output.with_suffix(f".{debug}")
     if debug is not None:
         writable_folder(folder)
-    config = vctgi.preset(preset)
     camera = loaded.scene.sensors()[loaded.sensor_index]
     with ProgressReport() as progress:
         progress.start_scene(loaded.title, 1, 1)
@@ -80,19 +86,45 @@ def render_frame_file(  # noqa: PLR0913 - the options of a command
         prepared = vctgi.prepare_scene(loaded.scene, camera, config)
         volume = vctgi.light_volume(prepared, config).volume
         frame = vctgi.render_frame(prepared, volume, config, seed=seed)
-        progress("direct light", 0.0)
-        components = component_images(frame)
-        direct = _direct_light(loaded, spp, seed)
-        lines = []
+        if is_ambient:
+            channels = _ambient_channels(frame)
+        else:
+            progress("direct light", 0.0)
+            channels = _light_channels(frame, _direct_light(loaded, spp, seed))
+        lines = _reconstruction_lines(config, frame)
         if debug is not None:
             progress("pictures of voxels", 0.0)
-            lines = write_voxel_folder(
+            lines += write_voxel_folder(
                 prepared, volume, config.voxelization, f"Voxels of {loaded.title}", folder
             )
-    image = direct + components.pop("indirect")
-    channels = {"": image, "direct": direct, **components, **surface_images(frame)}
+    channels |= surface_images(frame)
     write_channels(output, channels, {"config": asdict(config), "scene": loaded.name})
     return lines
+
+
+def _light_channels(frame: Frame, direct: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the picture and its components."""
+    components = component_images(frame)
+    image = direct + components.pop("indirect")
+    return {"": image, "direct": direct, **components}
+
+
+def _ambient_channels(frame: Frame) -> dict[str, np.ndarray]:
+    """Return ambient occlusion, and what even light of radiance 1 would show."""
+    assert frame.ambient is not None, 'a frame of the mode "ambient" has ambient occlusion'
+    ambient = np.array(frame.ambient)
+    return {"": np.array(frame.albedo) * ambient, "ambient": ambient[..., 0]}
+
+
+def _reconstruction_lines(config: vctgi.RenderConfig, frame: Frame) -> list[str]:
+    """Say how many rays traced cones though they were not among those chosen to."""
+    sparsity = config.reconstruction.sparsity
+    if sparsity == 1:
+        return []
+    return [
+        f"cones of every {sparsity}th pixel; {frame.refined_share:.2%} of the camera rays found no "
+        "neighbour on their surface and traced cones too"
+    ]
 
 
 def reference_file(

@@ -38,7 +38,7 @@ def gate_scenes(
     with ProgressReport() as progress:
 
         def render(gate: GateSpec) -> tuple[Record, Path]:
-            find_preset(gate.preset)
+            find_preset(gate.preset, is_compared=True)
             number = [each.name for each in gates.gates].index(gate.name) + 1
             progress.start_scene(f"gate {gate.name}", number, len(gates.gates))
             loaded = load_scene(gate.scene, resolution=(gate.width, gate.height))

@@ -17,14 +17,16 @@ def plan_lines(
     """Return the plan of a scene as lines of a table and as plain values."""
     find_preset(preset)
     start_mitsuba(variant)
+    config = vctgi.preset(preset)
     loaded = load_scene(
         source,
         resolution=resolution,
         default_resolution=DEFAULT_RESOLUTION,
         sensor_index=sensor,
+        needs_light=config.mode != "ambient",
     )
     camera = loaded.scene.sensors()[loaded.sensor_index]
-    prepared = vctgi.prepare_scene(loaded.scene, camera, vctgi.preset(preset))
+    prepared = vctgi.prepare_scene(loaded.scene, camera, config)
     entries = prepared.plan.entries
     width = max(len(entry.item) for entry in entries)
     lines = [f"{loaded.title}: {prepared.triangles.triangle_count:,} triangles"]

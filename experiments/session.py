@@ -32,19 +32,32 @@ def start_mitsuba(requested: str | None) -> str:
     return variant
 
 
-def find_preset(name: str) -> None:
+def find_preset(name: str, *, is_compared: bool = False) -> None:
     """Refuse a preset that does not exist, before anything is loaded or rendered.
+
+    Parameters
+    ----------
+    name
+        The preset.
+    is_compared
+        Whether its light is to be compared with a path tracer's.
 
     Raises
     ------
     InputError
-        No preset of that name.
+        No preset of that name, or none that renders light where that is compared.
     """
-    from vctgi.config import preset_names
+    from vctgi.config import preset, preset_names
 
     if name not in preset_names():
         raise InputError(
             what=f"no preset '{name}'", where="--preset", remedy=f"use {', '.join(preset_names())}"
+        )
+    if is_compared and preset(name).mode == "ambient":
+        raise InputError(
+            what=f"the preset '{name}' renders no light that a path tracer could be compared with",
+            where="--preset",
+            remedy="see its picture by `vctgi render`, and its error by `vctgi study accuracy`",
         )
 
 

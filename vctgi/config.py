@@ -10,12 +10,15 @@ from vctgi.clipmap.storage import StorageConfig
 from vctgi.peers import PEER_PREFIX, PEERS, find_peer, peer_names
 from vctgi.scene.sky import SkyConfig
 from vctgi.stages.bounces import BouncesConfig
+from vctgi.stages.cone_tracing.ambient import AmbientConfig
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig
 from vctgi.stages.cone_tracing.march import ConeMarchConfig
 from vctgi.stages.cone_tracing.specular import SpecularConesConfig
 from vctgi.stages.downsampling import DownsamplingConfig
 from vctgi.stages.gbuffer import GBufferConfig
 from vctgi.stages.light_injection import LightInjectionConfig
+from vctgi.stages.reconstruction.config import ReconstructionConfig
+from vctgi.stages.reconstruction.temporal import TemporalConfig
 from vctgi.stages.reflective_shadow_map import ReflectiveShadowMapConfig
 from vctgi.stages.slot_surfaces.slots import SlotSurfacesConfig
 from vctgi.stages.voxelization.opacity import OpacityVoxelizationConfig
@@ -26,10 +29,16 @@ LEAST_SCATTERING_COUNT = 2
 SkyLighting = Literal["maps", "cones"]
 """How the environment lights voxels: by reflective shadow maps, or by the voxels' own cones."""
 
+Mode = Literal["indirect", "ambient"]
+"""What is rendered: indirect light, or ambient occlusion alone."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class RenderConfig:
     """Everything that shapes a frame, apart from the scene."""
+
+    mode: Mode = "indirect"
+    """What is rendered: "indirect" light, or "ambient" occlusion, which needs no light at all."""
 
     clipmap: ClipmapConfig = field(default_factory=ClipmapConfig)
     """Size of the clipmap."""
@@ -54,8 +63,15 @@ class RenderConfig:
     """Diffuse cones."""
     specular: SpecularConesConfig = field(default_factory=SpecularConesConfig)
     """Specular cones."""
+    ambient: AmbientConfig = field(default_factory=AmbientConfig)
+    """Cones of the mode "ambient"."""
+    reconstruction: ReconstructionConfig = field(default_factory=ReconstructionConfig)
+    """How many pixels trace diffuse or ambient cones."""
+    temporal: TemporalConfig = field(default_factory=TemporalConfig)
+    """How `vctgi.accumulate_frame` blends frames; a frame by itself knows no other."""
     samples_per_pixel: int = 4
-    """Camera rays a pixel, each with cones of its own, >= 1."""
+    """Camera rays a pixel, >= 1. Each has cones of its own, or takes the diffuse light of the
+    traced pixels around it."""
     scattering_count: int = LEAST_SCATTERING_COUNT
     """Most surface scatterings between emitter and eye of the light that is rendered, >= 2: 2 is
     one bounce."""
@@ -84,6 +100,10 @@ class RenderConfig:
                 f"RenderConfig.scattering_count must be >= {LEAST_SCATTERING_COUNT}, "
                 f"got {self.scattering_count}: light of one scattering is direct."
             )
+        if self.mode not in get_args(Mode):
+            raise ValueError(
+                f"RenderConfig.mode must be one of {get_args(Mode)}, got {self.mode!r}."
+            )
         if self.sky_lighting not in get_args(SkyLighting):
             raise ValueError(
                 f"RenderConfig.sky_lighting must be one of {get_args(SkyLighting)}, "
@@ -96,24 +116,40 @@ class RenderConfig:
         return self.scattering_count - LEAST_SCATTERING_COUNT
 
 
-def _diffuse(cone_count: int, level_bias: float, near_field_voxels: float) -> DiffuseConesConfig:
+def _diffuse(
+    cone_count: int, level_bias: float, near_field_voxels: float, pull_back_voxels: float = 0.25
+) -> DiffuseConesConfig:
     """Return a cone set; few cones want a finer level than many (docs/decisions/0001)."""
     return DiffuseConesConfig(
         cone_count=cone_count,
         near_field_voxels=near_field_voxels,
-        march=ConeMarchConfig(level_bias=level_bias),
+        march=ConeMarchConfig(level_bias=level_bias, pull_back_voxels=pull_back_voxels),
     )
 
 
 _DEFAULT = RenderConfig()
 
 PRESETS: dict[str, RenderConfig] = {
-    "medium": replace(_DEFAULT, diffuse=_diffuse(6, -1.0, 0.0), samples_per_pixel=2),
+    "ambient": replace(
+        _DEFAULT,
+        mode="ambient",
+        samples_per_pixel=2,
+        reconstruction=ReconstructionConfig(sparsity=4),
+    ),
+    "medium": replace(
+        _DEFAULT,
+        diffuse=_diffuse(6, -1.0, 0.0),
+        samples_per_pixel=2,
+        reconstruction=ReconstructionConfig(sparsity=4),
+    ),
     "high": replace(
-        _DEFAULT, clipmap=ClipmapConfig(resolution=128), diffuse=_diffuse(17, -1.0, 2.0)
+        _DEFAULT,
+        clipmap=ClipmapConfig(resolution=128),
+        diffuse=_diffuse(17, -1.0, 3.0, 0.4),
+        reconstruction=ReconstructionConfig(sparsity=9),
     ),
     "ultra": replace(
-        _DEFAULT, clipmap=ClipmapConfig(resolution=128), diffuse=_diffuse(64, -0.5, 2.0)
+        _DEFAULT, clipmap=ClipmapConfig(resolution=128), diffuse=_diffuse(64, -1.0, 4.0, 0.4)
     ),
 }
 """Named configurations, from cheap to dear."""

@@ -1,5 +1,9 @@
 """The Mitsuba plugin `vctgi`: a sampling integrator that replaces indirect light by cones.
 
+In the mode of the preset "ambient" the colour is what even light of radiance 1 from all around
+would show, and there is no other light. Mitsuba asks for one camera ray at a time, whatever pixel
+it belongs to, so each has cones of its own: a preset's sparse pixels are for `vctgi.render_frame`.
+
 Emission and direct light come from Mitsuba's own `direct` integrator; light of one bounce, or of as
 many as are asked for, comes from voxel cones. The voxels are made anew at every `render`, so scene
 parameters that were changed through `mi.traverse` are seen.
@@ -16,7 +20,13 @@ import mitsuba as mi
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.config import PRESETS, RenderConfig, preset
 from vctgi.maths.stub_gaps import as_bits, as_component, as_mask
-from vctgi.pipeline import PreparedScene, gather_light, light_volume, prepare_scene
+from vctgi.pipeline import (
+    PreparedScene,
+    gather_ambient,
+    gather_light,
+    light_volume,
+    prepare_scene,
+)
 from vctgi.stages.gbuffer import trace_gbuffer
 
 if TYPE_CHECKING:
@@ -39,6 +49,12 @@ AOV_NAMES = [
     "depth.Z",
 ]
 """Channels that follow the colour: components in W m^-2 sr^-1, albedo, normal, ray distance."""
+
+AMBIENT_AOV_NAMES = [
+    "ambient.Y",
+    *(name for name in AOV_NAMES if name[:3] in ("alb", "nor", "dep")),
+]
+"""The same in the mode "ambient": how open the hemisphere is, albedo, normal, ray distance."""
 
 
 def register() -> None:
@@ -76,6 +92,7 @@ def _config_from_properties(props: mi.Properties) -> tuple[str, RenderConfig]:
     scattering_count = int(get("scattering_count", config.scattering_count))
     return name, replace(
         config,
+        reconstruction=replace(config.reconstruction, sparsity=1),
         scattering_count=scattering_count,
         clipmap=replace(config.clipmap, resolution=resolution),
         diffuse=replace(config.diffuse, cone_count=cone_count, aperture_scale=scale),
@@ -91,7 +108,7 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
         Properties: `preset` (one of the named presets, default high), and overrides of it:
         `resolution`, `cone_count`, `aperture_scale`, `scattering_count` (surface scatterings
         between emitter and eye, default 2: one bounce); `hide_emitters` as in `direct`.
-        Does not: media, polarisation.
+        Does not: media, polarisation, sparse pixels.
         """
 
         def __init__(self, props: mi.Properties) -> None:
@@ -142,16 +159,21 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
                 active=mi.Bool(active),
             )
             dr.eval(gbuffer)
+            normal = dr.select(gbuffer.is_valid, gbuffer.normal, 0.0)
+            surface = [*gbuffer.albedo, *normal, as_component(gbuffer.depth)]
+            if self.config.mode == "ambient":
+                open_share = gather_ambient(self.prepared, gbuffer, self.volume, self.config)
+                openness = as_component(open_share)
+                total = mi.Spectrum(gbuffer.albedo * openness)
+                return total, as_mask(gbuffer.is_valid), [openness, *surface]
             light = gather_light(self.prepared, gbuffer, self.volume, self.config)
             direct, is_valid, _ = self.direct.sample(scene, sampler, ray, medium, active)
             total = direct + light.diffuse + light.specular
-            normal = dr.select(gbuffer.is_valid, gbuffer.normal, 0.0)
-            aovs = [*direct, *light.diffuse, *light.specular, *gbuffer.albedo, *normal]
-            return total, is_valid, [*aovs, as_component(gbuffer.depth)]
+            return total, is_valid, [*direct, *light.diffuse, *light.specular, *surface]
 
         def aov_names(self) -> list[str]:
             """Names of the channels after the colour."""
-            return AOV_NAMES
+            return AMBIENT_AOV_NAMES if self.config.mode == "ambient" else AOV_NAMES
 
         def traverse(self, callback: mi.TraversalCallback) -> None:
             """Expose nothing yet: no parameter of the cones is differentiable."""

@@ -3,83 +3,51 @@
 scene -> triangles, materials, lights -> plan
 plan -> opacity voxelization -> reflective shadow maps -> injection -> sky, bounces
 sky, bounces -> downsampling = volume
-volume -> G-buffer -> diffuse cones, specular cones -> composite = frame
+volume -> frame (`vctgi.frame_pipeline`)
 """
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import drjit as dr
 import mitsuba as mi
 
 from vctgi.bounce_pipeline import light_by_cones
 from vctgi.clipmap.regions import count_voxels, own_regions
-from vctgi.clipmap.storage import OpacityClipmap, VoxelVolume, pack_volume
+from vctgi.clipmap.storage import (
+    EmittanceClipmap,
+    OpacityClipmap,
+    VoxelVolume,
+    pack_volume,
+)
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
-from vctgi.maths.directions import TEA_ROUNDS, kronecker_points, random_unit
-from vctgi.maths.stub_gaps import as_bits, as_component
-from vctgi.plan import Plan, plan_render
+from vctgi.frame_pipeline import Frame as Frame
+from vctgi.frame_pipeline import gather_ambient as gather_ambient
+from vctgi.frame_pipeline import gather_light as gather_light
+from vctgi.frame_pipeline import render_frame as render_frame
+from vctgi.plan import plan_render
+from vctgi.prepared import PreparedScene as PreparedScene
+from vctgi.prepared import StageClock as StageClock
+from vctgi.prepared import no_clock as no_clock
 from vctgi.scene.emissive import list_emissive_surfaces
 from vctgi.scene.light_checks import check_lights
 from vctgi.scene.lights import list_lights
-from vctgi.scene.materials import Material, describe_material
-from vctgi.scene.records import GBuffer
-from vctgi.scene.sky import PrefilteredSky, prefilter_sky
+from vctgi.scene.materials import describe_material
+from vctgi.scene.sky import prefilter_sky
 from vctgi.scene.surfaces import VoxelSurfaces, select_surfaces
-from vctgi.scene.triangles import SceneTriangles, extract_triangles
-from vctgi.stages.composite import IndirectLight, composite
-from vctgi.stages.cone_tracing.diffuse import trace_diffuse
-from vctgi.stages.cone_tracing.specular import trace_specular
+from vctgi.scene.triangles import extract_triangles
 from vctgi.stages.downsampling import downsample
-from vctgi.stages.gbuffer import trace_gbuffer
 from vctgi.stages.light_injection import inject_light
 from vctgi.stages.outgoing_radiance import with_radiance
+from vctgi.stages.reconstruction.temporal import TemporalFrame as TemporalFrame
+from vctgi.stages.reconstruction.temporal import accumulate, project
 from vctgi.stages.reflective_shadow_map import render_reflective_shadow_maps
 from vctgi.stages.voxelization.emittance import voxelize_emission
 from vctgi.stages.voxelization.opacity import voxelize_triangles
 from vctgi.stages.voxelization.triangles import DeviceTriangles, upload_triangles
 from vctgi.stages.voxelization.update import changed_bounds, update_opacity
-
-
-class StageClock(Protocol):
-    """Something that can time a stage."""
-
-    def __call__(self, stage: str) -> AbstractContextManager[object]:
-        """Return a context that lasts as long as the stage."""
-
-
-def no_clock(stage: str) -> AbstractContextManager[object]:
-    """Time nothing."""
-    return nullcontext(stage)
-
-
-@dataclass
-class PreparedScene:
-    """A scene as the renderer sees it.
-
-    Attributes
-    ----------
-    scene, sensor
-        The Mitsuba scene and the camera it was prepared for.
-    triangles, materials, surfaces
-        Geometry, what its BSDFs contribute, and the sides that are voxelized.
-    plan
-        What is run and what is left out.
-    sky
-        The environment for cones, if any of them see it.
-    """
-
-    scene: mi.Scene
-    sensor: mi.Sensor
-    triangles: SceneTriangles
-    materials: list[Material]
-    surfaces: VoxelSurfaces
-    plan: Plan
-    sky: PrefilteredSky | None = None
 
 
 @dataclass
@@ -125,29 +93,6 @@ class LitVolume:
     bounce_fluxes: list[float] = field(default_factory=list)
 
 
-@dataclass
-class Frame:
-    """A rendered picture, each component a tensor [height, width, channels].
-
-    Attributes
-    ----------
-    indirect_diffuse, indirect_specular
-        W m^-2 sr^-1, three channels; indirect light is their sum.
-    albedo
-        Diffuse albedo, three channels.
-    normal
-        Shading normal, three channels in [-1, 1].
-    depth
-        Distance along the ray, world units, one channel.
-    """
-
-    indirect_diffuse: mi.TensorXf
-    indirect_specular: mi.TensorXf
-    albedo: mi.TensorXf
-    normal: mi.TensorXf
-    depth: mi.TensorXf
-
-
 def prepare_scene(
     scene: mi.Scene, sensor: mi.Sensor, config: RenderConfig, clock: StageClock = no_clock
 ) -> PreparedScene:
@@ -160,8 +105,8 @@ def prepare_scene(
         shine: without a sensible power, an angle or an area, or inside geometry.
     """
     with clock("scene"):
-        lights = list_lights(scene)
-        if not lights:
+        lights = [] if config.mode == "ambient" else list_lights(scene)
+        if not lights and config.mode != "ambient":
             raise SceneError("no light", "the scene", "add an emitter")
         check_lights(lights)
         triangles = extract_triangles(scene)
@@ -225,11 +170,20 @@ def light_volume(
     clock: StageClock = no_clock,
     voxels: SceneVoxels | None = None,
 ) -> LitVolume:
-    """Light the voxels of a scene, which are made first if they are not given."""
+    """Light the voxels of a scene, which are made first if they are not given.
+
+    In the mode "ambient" there is no light: they are only downsampled.
+    """
     plan = prepared.plan
     if voxels is None:
         voxels = voxelize_scene(prepared, config, clock)
     opacity = voxels.opacity
+    if config.mode == "ambient":
+        with clock("downsampling"):
+            merged, _ = downsample(opacity, None)
+            dark = [dr.zeros(mi.Color3f, dr.width(level)) for level in merged.levels]
+            nothing = EmittanceClipmap(merged.layout, dark, [0.0] * plan.layout.clip_level_count)
+            return LitVolume(pack_volume(merged, nothing, config.storage), [], 0)
     with clock("reflective shadow maps"):
         maps = render_reflective_shadow_maps(
             prepared.scene, list(plan.lights), plan.layout, config.reflective_shadow_map, opacity
@@ -256,131 +210,72 @@ def light_volume(
     return LitVolume(volume, lit.lost_flux_share, sum(m.texel_count for m in maps), fluxes)
 
 
-def gather_light(
-    prepared: PreparedScene,
-    gbuffer: GBuffer,
-    volume: VoxelVolume,
-    config: RenderConfig,
-    clock: StageClock = no_clock,
-) -> IndirectLight:
-    """Trace the cones of visible points and put their light together."""
-    plan = prepared.plan
-    sky = prepared.sky if plan.has_sky_in_cones else None
-    with clock("diffuse cones"):
-        incident = trace_diffuse(gbuffer, volume, config.diffuse, prepared.scene, sky)
-        dr.eval(incident)
-    specular = None
-    if plan.has_specular or plan.has_passing:
-        with clock("specular cones"):
-            specular = trace_specular(
-                gbuffer,
-                volume,
-                config.specular,
-                has_specular=plan.has_specular,
-                has_passing=plan.has_passing,
-                sky=sky,
-            )
-            dr.eval(specular)
-    with clock("composite"):
-        light = composite(gbuffer, incident, specular)
-        dr.eval(light)
-    return light
-
-
-def render_frame(
-    prepared: PreparedScene,
-    volume: VoxelVolume,
-    config: RenderConfig,
-    clock: StageClock = no_clock,
-    seed: int = 0,
-) -> Frame:
-    """Render the indirect light of a picture.
+def accumulate_frame(
+    history: TemporalFrame | None, frame: Frame, sensor: mi.Sensor, config: RenderConfig
+) -> tuple[Frame, TemporalFrame]:
+    """Blend a frame with the light that earlier ones found on the same surfaces.
 
     Parameters
     ----------
-    prepared
-        Scene and camera.
-    volume
-        Its lit voxels.
+    history
+        What the call for the frame before returned; None for the first.
+    frame
+        The new frame, of another seed than the last.
+    sensor
+        Its camera.
     config
-        Cones and samples per pixel.
-    clock
-        Times the stages.
-    seed
-        Chooses the random rotations and phases of the cones.
+        How to blend.
+
+    Returns
+    -------
+    tuple
+        The frame with the accumulated light, and the history for the next.
+
+    Raises
+    ------
+    SceneError
+        The camera is none that can be followed.
     """
-    width, height = (int(n) for n in prepared.sensor.film().crop_size())
-    pixel_count = width * height
-    sums = {name: dr.zeros(mi.Float, pixel_count * n) for name, n in CHANNELS.items()}
-    pixel = dr.arange(mi.UInt32, pixel_count)
-    for number in range(config.samples_per_pixel):
-        stream = dr.opaque(mi.UInt32, number + seed * SEED_STRIDE)
-        sample_index = mi.UInt32(mi.sample_tea_32(as_bits(pixel), as_bits(stream), TEA_ROUNDS)[0])
-        with clock("G-buffer"):
-            ray = _camera_rays(prepared.sensor, pixel, sample_index, number)
-            gbuffer = trace_gbuffer(
-                prepared.scene,
-                ray,
-                sample_index,
-                config.gbuffer,
-                has_specular=prepared.plan.has_specular,
-                has_passing=prepared.plan.has_passing,
-            )
-            dr.eval(gbuffer)
-        light = gather_light(prepared, gbuffer, volume, config, clock)
-        _accumulate(sums, gbuffer, light, pixel, config.samples_per_pixel)
-    shaped = {name: mi.TensorXf(sums[name], (height, width, n)) for name, n in CHANNELS.items()}
-    return Frame(**shaped)
+    height, width = frame.depth.shape[:2]
+    pixel = dr.arange(mi.UInt32, width * height)
 
+    def planes(tensor: mi.TensorXf) -> list[mi.Float]:
+        count = tensor.shape[2]
+        return [dr.gather(mi.Float, tensor.array, pixel * count + c) for c in range(count)]
 
-CHANNELS = {"indirect_diffuse": 3, "indirect_specular": 3, "albedo": 3, "normal": 3, "depth": 1}
-"""Components of a frame and their channels."""
+    def tensor(values: list[mi.Float]) -> mi.TensorXf:
+        flat = dr.empty(mi.Float, width * height * len(values))
+        for channel, value in enumerate(values):
+            dr.scatter(flat, value, pixel * len(values) + channel)
+        return mi.TensorXf(flat, (height, width, len(values)))
 
-SEED_STRIDE = 4096
-"""Samples per pixel that one seed may use before it meets the next seed's."""
-
-
-def _camera_rays(
-    sensor: mi.Sensor, pixel: mi.UInt32, sample_index: mi.UInt32, number: int
-) -> mi.RayDifferential3f:
-    """One ray a pixel, at the place within the pixel that belongs to this sample."""
-    film = sensor.film()
-    crop, size = film.crop_size(), film.size()
-    offset = film.crop_offset()
-    width = int(crop[0])
-    place = mi.Point2f(pixel % width, pixel // width) + kronecker_points(
-        dr.opaque(mi.UInt32, number)
+    albedo = mi.Color3f(*planes(frame.albedo))
+    is_ambient = frame.ambient is not None
+    if frame.ambient is not None:
+        irradiance = mi.Color3f(planes(frame.ambient)[0])
+    else:
+        is_reflecting = albedo > 0.0
+        reflected = mi.Color3f(*planes(frame.indirect_diffuse))
+        irradiance = dr.select(
+            is_reflecting, reflected / dr.select(is_reflecting, albedo, 1.0), 0.0
+        )
+    new = TemporalFrame(
+        projection=project(sensor),
+        irradiance=irradiance,
+        specular=mi.Color3f(*planes(frame.indirect_specular)),
+        position=mi.Point3f(*planes(frame.position)),
+        normal=mi.Vector3f(*planes(frame.surface_normal)),
+        frame_count=dr.full(mi.Float, 1.0, width * height),
     )
-    position = (place + mi.Point2f(float(offset[0]), float(offset[1]))) / mi.Point2f(
-        float(size[0]), float(size[1])
+    blended = accumulate(history, new, config.temporal)
+    if is_ambient:
+        return replace(frame, ambient=tensor([mi.Float(blended.irradiance.x)])), blended
+    diffuse = albedo * blended.irradiance
+    return (
+        replace(
+            frame,
+            indirect_diffuse=tensor([mi.Float(each) for each in diffuse]),
+            indirect_specular=tensor([mi.Float(each) for each in blended.specular]),
+        ),
+        blended,
     )
-    lens = mi.Point2f(random_unit(sample_index, 1), random_unit(sample_index, 2))
-    time = sensor.shutter_open() + sensor.shutter_open_time() * random_unit(sample_index, 3)
-    ray, _ = sensor.sample_ray_differential(
-        as_component(time), as_component(random_unit(sample_index, 4)), position, lens
-    )
-    return ray
-
-
-def _accumulate(
-    sums: dict[str, mi.Float],
-    gbuffer: GBuffer,
-    light: IndirectLight,
-    pixel: mi.UInt32,
-    sample_count: int,
-) -> None:
-    """Add a sample of each pixel to the picture."""
-    depth = gbuffer.depth / sample_count
-    values: dict[str, list[mi.Float]] = {
-        "indirect_diffuse": list(light.diffuse / sample_count),
-        "indirect_specular": list(light.specular / sample_count),
-        "albedo": list(gbuffer.albedo / sample_count),
-        "normal": list(dr.select(gbuffer.is_valid, gbuffer.normal, 0.0) / sample_count),
-        "depth": [depth],
-    }
-    for name, channels in values.items():
-        for channel, value in enumerate(channels):
-            index = pixel * len(channels) + channel
-            held = dr.gather(mi.Float, sums[name], index)
-            dr.scatter(sums[name], held + value, index)
-    dr.eval(sums)

@@ -19,6 +19,8 @@ from vctgi.clipmap.levels import (
 )
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
+from vctgi.plan_entries import PlanEntry as PlanEntry
+from vctgi.plan_entries import ambient_entries, sparse_entry
 from vctgi.scene.camera import survey_rays, viewer
 from vctgi.scene.lights import Light
 from vctgi.scene.materials import Material
@@ -37,16 +39,6 @@ MAX_FAR_RATIO = 1e4
 LAMP_SURVEY_EDGES = (32, 128)
 """Rays along an edge of the map by which a lamp is judged; the second where none of the first
 landed."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlanEntry:
-    """One decision: what, whether it is kept, why, and what leaving it out saved."""
-
-    item: str
-    kept: bool
-    reason: str
-    saved: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,6 +95,9 @@ def plan_render(
         What is asked for; what it leaves open about the clipmap is chosen here.
     """
     layout, layout_entries = _choose_layout(scene, sensor, triangles, config.clipmap)
+    if config.mode == "ambient":
+        entries = [*layout_entries, *ambient_entries(config), sparse_entry(config)]
+        return _ambient_plan(layout, entries)
     has_sky = scene.environment() is not None
     by_cones = has_sky and config.sky_lighting == "cones"
     kept_lights, light_entries = _choose_lights(scene, lights, layout)
@@ -136,6 +131,7 @@ def plan_render(
         _bounce_entry(config),
         _emission_entry(config),
         *_sky_entries(config, has_sky=has_sky),
+        sparse_entry(config),
     ]
     return Plan(
         layout=layout,
@@ -145,6 +141,20 @@ def plan_render(
         has_sky_in_cones=has_sky and config.sky_in_cones,
         has_sky_by_cones=by_cones,
         bounce_count=config.bounce_count,
+        entries=tuple(entries),
+    )
+
+
+def _ambient_plan(layout: ClipmapLayout, entries: list[PlanEntry]) -> Plan:
+    """Return the plan of a frame without light."""
+    return Plan(
+        layout=layout,
+        has_specular=False,
+        has_passing=False,
+        lights=(),
+        has_sky_in_cones=False,
+        has_sky_by_cones=False,
+        bounce_count=0,
         entries=tuple(entries),
     )
 

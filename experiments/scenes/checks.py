@@ -21,7 +21,9 @@ _LIGHT_REPEATS: Final = 16
 """Paths per primary ray that are tried before a place counts as dark."""
 
 
-def check_scene(scene: mi.Scene, sensor_index: int, where: str) -> list[str]:
+def check_scene(
+    scene: mi.Scene, sensor_index: int, where: str, *, needs_light: bool = True
+) -> list[str]:
     """Refuse a scene that no picture can be made of.
 
     Parameters
@@ -32,6 +34,8 @@ def check_scene(scene: mi.Scene, sensor_index: int, where: str) -> list[str]:
         The camera that will be used, from 0.
     where
         The scene's file or name, for the messages.
+    needs_light
+        Whether a scene without light is of no use.
 
     Returns
     -------
@@ -45,14 +49,15 @@ def check_scene(scene: mi.Scene, sensor_index: int, where: str) -> list[str]:
         a wall.
     """
     _require_camera(scene, sensor_index, where)
-    if not scene.emitters():
+    if needs_light and not scene.emitters():
         raise InputError(
             what="the scene has no light",
             where=where,
             remedy="add an emitter, for example <emitter type='constant'/>",
         )
     warnings = _check_geometry(scene, where)
-    _require_free_camera(scene, scene.sensors()[sensor_index], where)
+    if scene.emitters():
+        _require_free_camera(scene, scene.sensors()[sensor_index], where)
     return warnings
 
 

@@ -63,6 +63,7 @@ def load_scene(
     default_resolution: int | None = None,
     parameters: dict[str, str] | None = None,
     sensor_index: int = 0,
+    needs_light: bool = True,
 ) -> LoadedScene:
     """Load, resize and check a scene; the Mitsuba variant must be set.
 
@@ -80,6 +81,8 @@ def load_scene(
         Values for the parameters of an XML scene, or for the keyword arguments of a scene function.
     sensor_index
         Which camera, from 0.
+    needs_light
+        Whether a scene without light is refused.
 
     Raises
     ------
@@ -95,7 +98,11 @@ def load_scene(
             where=source,
             remedy="put it into a <scene> (in Python: a dict with type 'scene')",
         )
-    warnings = [*draft.warnings, *messages, *check_scene(draft.loaded, sensor_index, source)]
+    warnings = [
+        *draft.warnings,
+        *messages,
+        *check_scene(draft.loaded, sensor_index, source, needs_light=needs_light),
+    ]
     sensor = draft.loaded.sensors()[sensor_index]
     if resolution is None and not _has_crop_window(sensor):
         resolution = default_resolution

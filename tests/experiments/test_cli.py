@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import OpenEXR
 import pytest
 
 from experiments.cli import main
@@ -47,7 +48,8 @@ def refused_line(capsys: pytest.CaptureFixture[str]) -> str:
     [
         (["report", "nowhere.xml"], "nowhere.xml"),
         (["report", "no_such_scene"], "cornell_box"),
-        (["report", "cornell_box", "--preset", "best"], "use medium, high, ultra"),
+        (["report", "cornell_box", "--preset", "best"], "use ambient, medium, high, ultra"),
+        (["report", "cornell_box", "--preset", "ambient"], "no light"),
         (["report", "cornell_box", "--spp", "12"], "multiple of 8"),
         (["report", "cornell_box", "--spp", "0"], "at least 8"),
         (["report", "cornell_box", "--resolution", "4"], "at least 16"),
@@ -293,3 +295,17 @@ def test_a_record_names_how_to_make_it_again(variant: str, tmp_path: Path) -> No
     (path,) = (output / "records").glob("*.json")
     command = read_record(path).command
     assert command.startswith("vctgi report cornell_box --preset medium --resolution 32 --spp 64")
+
+
+def test_ambient_occlusion_of_an_unlit_scene_is_a_channel(variant: str, tmp_path: Path) -> None:
+    path, output = write_scene(tmp_path, light=""), tmp_path / "open.exr"
+    assert main(["render", str(path), "-o", str(output), "--preset", "ambient"]) == EXIT_DONE
+    with OpenEXR.File(str(output), separate_channels=True) as file:
+        channels = {name: each.pixels for name, each in file.channels().items()}
+    assert set(channels) == {
+        *("R", "G", "B", "ambient.Y", "albedo.R", "albedo.G", "albedo.B"),
+        *("normal.X", "normal.Y", "normal.Z", "depth.Z"),
+    }
+    assert 0.0 < channels["ambient.Y"].min() < channels["ambient.Y"].max() <= 1.0
+    assert main(["plan", str(path), "--preset", "ambient"]) == EXIT_DONE
+    assert main(["plan", str(path), "--preset", "medium"]) == EXIT_BAD_INPUT

@@ -164,6 +164,8 @@ def render(outer: np.ndarray, is_tinted: bool = False) -> np.ndarray:
     config = replace(
         config,
         diffuse=replace(config.diffuse, rotation="fixed"),
+        # The pattern of sparse pixels has no mirror image in itself.
+        reconstruction=replace(config.reconstruction, sparsity=1),
         # One finest level about the origin, whatever the picture shows.
         clipmap=replace(
             config.clipmap,

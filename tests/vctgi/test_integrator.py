@@ -12,7 +12,7 @@ import pytest
 import vctgi
 from tests.vctgi.small_scenes import area_light, camera, diffuse, load, room
 from vctgi.config import PRESETS
-from vctgi.integrator import AOV_NAMES, SUPPORTED_VARIANTS, known_presets
+from vctgi.integrator import AMBIENT_AOV_NAMES, AOV_NAMES, SUPPORTED_VARIANTS, known_presets
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -62,6 +62,24 @@ def test_dictionary_renders(scene: mi.Scene) -> None:
     length = np.sqrt(sum(found[f"normal.{axis}"] ** 2 for axis in "XYZ"))
     assert length.max() <= 1.0 + ROUNDING
     assert np.median(length) > 0.99
+
+
+def test_ambient_preset_renders_a_scene_without_light() -> None:
+    eye = camera([0.0, 0.0, 0.9], [0.0, -0.2, 0.0], fov=80.0)
+    unlit = load(sensor=eye, **room(bsdf=diffuse(0.6)))
+    integrator = plugin(preset="ambient")
+    assert integrator.aov_names() == AMBIENT_AOV_NAMES
+    picture = np.array(mi.render(unlit, integrator=integrator, spp=SAMPLES))
+    assert picture.shape[2] == 3 + len(AMBIENT_AOV_NAMES)
+    ambient = picture[..., 3]
+    assert 0.0 < ambient.min() < ambient.max() <= 1.0
+    np.testing.assert_allclose(picture[..., 1], 0.6 * ambient, rtol=ROUNDING, atol=ROUNDING)
+
+
+def test_every_ray_of_the_plugin_has_cones_of_its_own() -> None:
+    assert vctgi.preset("high").reconstruction.sparsity == 9
+    integrator: Any = plugin(preset="high")
+    assert integrator.config.reconstruction.sparsity == 1
 
 
 def test_direct_light_is_mitsubas_own(scene: mi.Scene) -> None:
@@ -138,7 +156,9 @@ def test_same_seed_gives_the_same_picture(scene: mi.Scene) -> None:
 
 
 def test_unknown_preset_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(Exception, match="no preset 'best'; choose one of medium, high, ultra"):
+    with pytest.raises(
+        Exception, match="no preset 'best'; choose one of ambient, medium, high, ultra"
+    ):
         mi.load_dict({"type": "vctgi", "preset": "best"})
     assert known_presets() == list(PRESETS)
 

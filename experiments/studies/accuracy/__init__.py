@@ -1,14 +1,14 @@
-"""Study "accuracy": what cones make of exact voxels, one configuration for all numbers of a column.
+"""Study "accuracy": how exact the light is that cones gather, and what each way to save costs.
 
 The study is the sum of its parts, one module each.
 """
 
 from __future__ import annotations
 
-from experiments.studies.accuracy import clipmap, table
+from experiments.studies.accuracy import clipmap, presets, sparse, table
 from experiments.studies.check import Check
 
-PARTS = [table.checks, clipmap.checks]
+PARTS = [table.checks, clipmap.checks, sparse.checks, presets.checks]
 """What is measured, in the order of the table."""
 
 

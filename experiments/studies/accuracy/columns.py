@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from experiments.studies.closed_forms import MOST_FURNACE
 from experiments.studies.exact_voxels import RESOLUTION
@@ -102,17 +102,10 @@ LEVEL_BIAS, PULL_BACK_VOXELS = -1.0, 0.4
 loses 0.6 % (17 cones) and 0.3 % (64) of it, and one of 0.5 makes a square 19 % too bright."""
 
 
-def _cones(preset_name: str, near_field_voxels: float) -> DiffuseConesConfig:
-    """Return the cones of a preset, with what its rows need."""
-    cones = preset(preset_name).diffuse
-    march = replace(cones.march, level_bias=LEVEL_BIAS, pull_back_voxels=PULL_BACK_VOXELS)
-    return replace(cones, near_field_voxels=near_field_voxels, march=march)
-
-
 HIGH = Column(
     name="17 cones",
     # With two voxels of rays, a turned wall of a quarter voxel lets 9 % of the light through.
-    cones=_cones("high", 3.0),
+    cones=preset("high").diffuse,
     limits=Limits(
         energy=(0.92, 1.08),
         phase_energy=(0.90, 1.10),
@@ -134,7 +127,7 @@ HIGH = Column(
 ULTRA = Column(
     name="64 cones",
     # With two voxels of rays, such a wall lets 7 % through, with three 4.4 %.
-    cones=_cones("ultra", 4.0),
+    cones=preset("ultra").diffuse,
     limits=Limits(
         energy=(0.97, 1.03),
         phase_energy=(0.95, 1.05),

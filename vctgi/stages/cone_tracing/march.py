@@ -122,6 +122,8 @@ def march_cone(
         t_read = dr.fma(config.sample_place, step, t)
         p_read = mi.Point3f(dr.fma(axis, t_read, apex))
         stopped, seen = _step_at(volume, p_read, axis, cone_ratio * t_read, step, config)
+        if config.falloff_length is not None:
+            seen = mi.Color3f(stopped * dr.exp(t_read * (-1.0 / config.falloff_length)))
         radiance = dr.fma(as_component(transmittance), seen, radiance)
         # The step may be too short to change t in single precision far from the apex.
         t = dr.maximum(t + step, t * next_float)

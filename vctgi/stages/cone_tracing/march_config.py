@@ -57,6 +57,9 @@ class ConeMarchConfig:
     """Where a cone ends, in voxels of the finest level; None: where the clipmap does."""
     max_footprint_voxels: float | None = None
     """Footprint at which it ends, in voxels of the finest level; None: any."""
+    falloff_length: float | None = None
+    """If given, a voxel at distance t sends out exp(-t / falloff_length) in place of its light, so
+    that a cone gathers how far what is near closes it off; world units, > 0, may be infinite."""
 
     def __post_init__(self) -> None:
         """Refuse a march that skips voxels or never ends, and rules that do not fit together."""
@@ -83,7 +86,12 @@ class ConeMarchConfig:
             raise ValueError(
                 f"ConeMarchConfig.sample_place must be in [0, 1], got {self.sample_place}."
             )
-        for name in ("correction_factor", "max_distance_voxels", "max_footprint_voxels"):
+        for name in (
+            "correction_factor",
+            "max_distance_voxels",
+            "max_footprint_voxels",
+            "falloff_length",
+        ):
             value = getattr(self, name)
             if value is not None and not value > 0.0:
                 raise ValueError(f"ConeMarchConfig.{name} must be > 0, got {value}.")

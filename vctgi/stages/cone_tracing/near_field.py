@@ -33,11 +33,14 @@ class NearField:
         Its radiance, W m^-2 sr^-1; 0 where nothing was hit.
     reach
         Length of the rays, world units.
+    distance
+        How far away the surface is, world units; meaningless where nothing was hit.
     """
 
     is_hit: mi.Bool
     radiance: mi.Color3f
     reach: mi.Float
+    distance: mi.Float
 
 
 def trace_near_field(
@@ -76,4 +79,4 @@ def trace_near_field(
     radiance, opacity = read_surface(volume, level, si.p, facing, is_hit)
     # A surface without opacity, cut away by a mask or missed by the sampled coverage, is not there.
     is_hit &= opacity > 0.0
-    return NearField(is_hit, dr.select(is_hit, radiance, 0.0), reach)
+    return NearField(is_hit, dr.select(is_hit, radiance, 0.0), reach, mi.Float(si.t))

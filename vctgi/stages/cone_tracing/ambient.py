@@ -1,0 +1,133 @@
+"""Ambient occlusion: how open the hemisphere over each visible point is, by cones.
+
+A point is as open as the share of an even surrounding light that reaches it. A surface at distance
+t closes off its part of the hemisphere by exp(-t / range): wholly where it touches, less the
+farther away it is, so that a closed room of any size is not black. With an infinite range the
+answer is plain visibility. Only opacity is read: no light is needed, and none is computed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import drjit as dr
+import mitsuba as mi
+
+from vctgi.clipmap.storage import VoxelVolume
+from vctgi.maths.cones import ratio_from_aperture, ring_cone_set, ring_sizes
+from vctgi.maths.directions import random_unit
+from vctgi.scene.extent import half_extent
+from vctgi.scene.records import GBuffer
+from vctgi.stages.cone_tracing.march import ConeMarchConfig, march_cone
+from vctgi.stages.cone_tracing.near_field import trace_near_field
+
+
+@dataclass(frozen=True, kw_only=True)
+class AmbientConfig:
+    """How ambient occlusion is traced."""
+
+    cone_count: int = 9
+    """Cones a point, 1 .. 64, in rings (`vctgi.maths.cones`)."""
+    range_world: float | None = None
+    """Distance at which a surface closes off 1/e of what it covers, world units, > 0."""
+    range_share: float | None = 0.1
+    """The same as a share of the longest edge of the scene's bounds, > 0; give one of both, or
+    neither for an infinite range."""
+    is_rotated: bool = True
+    """Whether each pixel turns its cones about the normal by an angle of its own."""
+    is_jittered: bool = True
+    """Whether each cone takes a random share of its first step."""
+    near_field_voxels: float = 2.0
+    """Length of the real ray that replaces the beginning of a cone, in voxels, >= 0; 0: none, and
+    what is nearer than the march's start closes off nothing."""
+    march: ConeMarchConfig = field(default_factory=ConeMarchConfig)
+    """How the cones march; their falloff is set from the range."""
+
+    def __post_init__(self) -> None:
+        """Refuse sets that do not exist, and ranges that mean nothing."""
+        ring_sizes(self.cone_count)
+        if self.range_world is not None and self.range_share is not None:
+            raise ValueError(
+                "AmbientConfig.range_world and range_share are two ways to say one thing: "
+                "set one of them to None."
+            )
+        if self.near_field_voxels < 0.0:
+            raise ValueError(
+                f"AmbientConfig.near_field_voxels must be >= 0, got {self.near_field_voxels}."
+            )
+        for name in ("range_world", "range_share"):
+            value = getattr(self, name)
+            if value is not None and not value > 0.0:
+                raise ValueError(
+                    f"AmbientConfig.{name} must be > 0, got {value}; None stands for no limit."
+                )
+
+    def range_in(self, scene_extent: float) -> float:
+        """Return the range in a scene whose longest edge is given, world units."""
+        if self.range_share is not None:
+            return self.range_share * scene_extent
+        return math.inf if self.range_world is None else self.range_world
+
+
+def trace_ambient(
+    gbuffer: GBuffer, volume: VoxelVolume, config: AmbientConfig, scene: mi.Scene
+) -> mi.Float:
+    """Return how open the hemisphere over each visible point is.
+
+    Parameters
+    ----------
+    gbuffer
+        Visible points.
+    volume
+        Voxels, of which only the opacity is read.
+    config
+        Cones and range.
+    scene
+        Geometry, whose extent the range may be a share of, and which the near field traces.
+
+    Returns
+    -------
+    mi.Float
+        Share of an even surrounding radiance that arrives, cosine-weighted, [0, 1]; 1 where the
+        ray met no surface.
+
+    References
+    ----------
+    [Panteleev2014], slide "Performance"; the exponential falloff is that of obscurance
+    [Zhukov1998].
+    """
+    cones = ring_cone_set(config.cone_count)
+    reach = config.range_in(2.0 * float(half_extent(scene)[0]))
+    march = replace(config.march, falloff_length=reach)
+    points = dr.width(gbuffer.position)
+    apex, normal, near_voxels = gbuffer.position, gbuffer.normal, config.near_field_voxels
+    turn = 2.0 * math.pi * random_unit(gbuffer.sample_index, ROTATION_STREAM)
+    sin, cos = dr.sincos(turn if config.is_rotated else dr.zeros(mi.Float, points))
+    frame = mi.Frame3f(normal)
+    closed = dr.zeros(mi.Float, points)
+    for number, direction in enumerate(cones.directions):
+        # Opaque, so that all cones share one kernel.
+        x, y, z = (dr.opaque(mi.Float, each) for each in direction)
+        axis = frame.to_world(mi.Vector3f(cos * x - sin * y, sin * x + cos * y, z))
+        ratio = dr.opaque(mi.Float, ratio_from_aperture(cones.apertures[number]))
+        stream = dr.opaque(mi.UInt32, PHASE_STREAM + number)
+        jitter = random_unit(gbuffer.sample_index, stream) if config.is_jittered else mi.Float(0.0)
+        active = mi.Bool(gbuffer.is_valid)
+        hidden = mi.Float(0.0)
+        begin = mi.Float(0.0)
+        if config.near_field_voxels > 0.0:
+            near = trace_near_field(scene, volume, apex, normal, axis, near_voxels, active)
+            hidden = dr.select(near.is_hit, dr.exp(near.distance * (-1.0 / reach)), 0.0)
+            active, begin = active & ~near.is_hit, near.reach
+        phase = mi.Float(1.0 - jitter)
+        cone = march_cone(volume, apex, axis, ratio, phase, march, active, begin)
+        weight = dr.opaque(mi.Float, cones.weights[number])
+        closed = dr.fma(weight, mi.Float(cone.radiance.x) + hidden, closed)
+        dr.eval(closed)
+    # Weights sum to 1 but for rounding.
+    return dr.select(gbuffer.is_valid, 1.0 - dr.minimum(closed, 1.0), 1.0)
+
+
+ROTATION_STREAM, PHASE_STREAM = 400, 401
+"""Hash streams of the cones' rotation and, from the second on, of each cone's phase."""
