@@ -14,6 +14,7 @@ from vctgi.stages.cone_tracing.march import ConeMarchConfig
 from vctgi.stages.cone_tracing.specular import SpecularConesConfig
 from vctgi.stages.gbuffer import GBufferConfig
 from vctgi.stages.light_injection import LightInjectionConfig
+from vctgi.stages.reconstruction.denoising import SpecularFilterConfig
 from vctgi.stages.reflective_shadow_map import ReflectiveShadowMapConfig
 from vctgi.stages.slot_surfaces.slots import SlotSurfacesConfig
 from vctgi.stages.voxelization.opacity import OpacityVoxelizationConfig
@@ -50,6 +51,8 @@ class RenderConfig:
     """Diffuse cones."""
     specular: SpecularConesConfig = field(default_factory=SpecularConesConfig)
     """Specular cones."""
+    specular_filter: SpecularFilterConfig = field(default_factory=SpecularFilterConfig)
+    """Filter of what specular cones see."""
     samples_per_pixel: int = 4
     """Camera rays a pixel, each with cones of its own, >= 1."""
     scattering_count: int = LEAST_SCATTERING_COUNT

@@ -140,6 +140,7 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
                 has_specular=plan.has_specular,
                 has_passing=plan.has_passing,
                 active=mi.Bool(active),
+                lobe_kinds=self.prepared.lobe_kinds,
             )
             dr.eval(gbuffer)
             light = gather_light(self.prepared, gbuffer, self.volume, self.config)

@@ -26,8 +26,9 @@ from vctgi.plan import Plan, plan_render
 from vctgi.scene.emissive import list_emissive_surfaces
 from vctgi.scene.light_checks import check_lights
 from vctgi.scene.lights import list_lights
+from vctgi.scene.lobe_kinds import list_lobe_kinds
 from vctgi.scene.materials import Material, describe_material
-from vctgi.scene.records import GBuffer
+from vctgi.scene.records import FilmSample, GBuffer
 from vctgi.scene.sky import PrefilteredSky, prefilter_sky
 from vctgi.scene.surfaces import VoxelSurfaces, select_surfaces
 from vctgi.scene.triangles import SceneTriangles, extract_triangles
@@ -38,6 +39,7 @@ from vctgi.stages.downsampling import downsample
 from vctgi.stages.gbuffer import trace_gbuffer
 from vctgi.stages.light_injection import inject_light
 from vctgi.stages.outgoing_radiance import with_radiance
+from vctgi.stages.reconstruction.denoising import filter_specular
 from vctgi.stages.reflective_shadow_map import render_reflective_shadow_maps
 from vctgi.stages.voxelization.emittance import voxelize_emission
 from vctgi.stages.voxelization.opacity import voxelize_triangles
@@ -71,6 +73,8 @@ class PreparedScene:
         What is run and what is left out.
     sky
         The environment for cones, if any of them see it.
+    lobe_kinds
+        Which BSDFs have their lobes' cones in a table, if any has.
     """
 
     scene: mi.Scene
@@ -80,6 +84,7 @@ class PreparedScene:
     surfaces: VoxelSurfaces
     plan: Plan
     sky: PrefilteredSky | None = None
+    lobe_kinds: mi.UInt32 | None = None
 
 
 @dataclass
@@ -172,7 +177,8 @@ def prepare_scene(
     if plan.has_sky_in_cones or plan.has_sky_by_cones:
         with clock("sky"):
             sky = prefilter_sky(scene.environment(), config.sky)
-    return PreparedScene(scene, sensor, triangles, materials, surfaces, plan, sky)
+    kinds = list_lobe_kinds(triangles.bsdfs) if plan.has_specular else None
+    return PreparedScene(scene, sensor, triangles, materials, surfaces, plan, sky, kinds)
 
 
 def voxelize_scene(
@@ -262,8 +268,13 @@ def gather_light(
     volume: VoxelVolume,
     config: RenderConfig,
     clock: StageClock = no_clock,
+    film: FilmSample | None = None,
 ) -> IndirectLight:
-    """Trace the cones of visible points and put their light together."""
+    """Trace the cones of visible points and put their light together.
+
+    `film` says that the points are pixels; without it nothing can be filtered, and noise that is
+    bound to pixels is refused.
+    """
     plan = prepared.plan
     sky = prepared.sky if plan.has_sky_in_cones else None
     with clock("diffuse cones"):
@@ -271,20 +282,56 @@ def gather_light(
         dr.eval(incident)
     specular = None
     if plan.has_specular or plan.has_passing:
-        with clock("specular cones"):
-            specular = trace_specular(
-                gbuffer,
-                volume,
-                config.specular,
-                has_specular=plan.has_specular,
-                has_passing=plan.has_passing,
-                sky=sky,
-            )
-            dr.eval(specular)
+        specular = gather_specular(prepared, gbuffer, volume, config, clock, film)
     with clock("composite"):
         light = composite(gbuffer, incident, specular)
         dr.eval(light)
     return light
+
+
+def gather_specular(
+    prepared: PreparedScene,
+    gbuffer: GBuffer,
+    volume: VoxelVolume,
+    config: RenderConfig,
+    clock: StageClock = no_clock,
+    film: FilmSample | None = None,
+) -> mi.Color3f:
+    """Trace the specular cones of visible points, filter them, and weigh them with the surfaces.
+
+    Raises
+    ------
+    ValueError
+        A filter, or blue noise, for points that are not pixels (`film` is None).
+    """
+    plan = prepared.plan
+    with clock("specular cones"):
+        light = trace_specular(
+            gbuffer,
+            volume,
+            config.specular,
+            has_specular=plan.has_specular,
+            has_passing=plan.has_passing,
+            sky=prepared.sky if plan.has_sky_in_cones else None,
+            film=film,
+        )
+        dr.eval(light)
+    if plan.has_specular and config.specular_filter.kind != "none":
+        if film is None:
+            raise ValueError(
+                "gather_specular: only pixels have neighbours to filter with: pass `film`, or set "
+                'RenderConfig.specular_filter.kind to "none".'
+            )
+        with clock("specular filter"):
+            light.reflected = filter_specular(
+                light.reflected,
+                gbuffer,
+                film.width,
+                config.specular.min_aperture,
+                config.specular_filter,
+            )
+            dr.eval(light)
+    return light.towards_viewer(gbuffer)
 
 
 def render_frame(
@@ -325,9 +372,11 @@ def render_frame(
                 config.gbuffer,
                 has_specular=prepared.plan.has_specular,
                 has_passing=prepared.plan.has_passing,
+                lobe_kinds=prepared.lobe_kinds,
             )
             dr.eval(gbuffer)
-        light = gather_light(prepared, gbuffer, volume, config, clock)
+        film = FilmSample(width, number)
+        light = gather_light(prepared, gbuffer, volume, config, clock, film)
         _accumulate(sums, gbuffer, light, pixel, config.samples_per_pixel)
     shaped = {name: mi.TensorXf(sums[name], (height, width, n)) for name, n in CHANNELS.items()}
     return Frame(**shaped)

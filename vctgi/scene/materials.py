@@ -67,7 +67,7 @@ class Material:
 def describe_material(bsdf: mi.BSDF) -> Material:
     """Return which lobes a BSDF has and what it contributes."""
     flags = bsdf.flags()
-    nested = _inside_two_sided(bsdf)
+    nested = inside_two_sided(bsdf)
     kind = nested.class_name()
     return Material(
         kind=kind,
@@ -84,7 +84,7 @@ def _has(flags: int, name: str) -> bool:
     return bool(int(flags) & int(getattr(mi.BSDFFlags, name)))
 
 
-def _inside_two_sided(bsdf: mi.BSDF) -> mi.BSDF:
+def inside_two_sided(bsdf: mi.BSDF) -> mi.BSDF:
     """Return the BSDF within two-sided adapters."""
     if bsdf.class_name() != "TwoSidedBRDF":
         return bsdf

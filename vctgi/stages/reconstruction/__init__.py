@@ -1,0 +1,3 @@
+"""Reconstruction: pictures from light that was traced sparsely or with noise."""
+
+from __future__ import annotations
