@@ -1,11 +1,14 @@
 """Cones as wide as the lobes of microfacet surfaces: apertures by roughness and incidence.
 
-The cone of a lobe has the lobe's mean direction as its axis, and the aperture whose own mean
-direction is as long (`vctgi.maths.cones.aperture_from_mean_cosine`). For GGX and Beckmann with the
-separable shadowing of Smith both follow from two numbers, alpha and the cosine of incidence. They
-are integrated once over the half vectors, without Fresnel's factor, and interpolated in a table.
+The cone of a lobe has the lobe's spatial median as its axis, and holds half of its light within the
+angle that holds half of an evenly lit cone. Matching medians, not means, keeps the long tail of GGX
+from widening the cone: seen straight on with alpha 0.1, a GGX lobe holds half of its light within
+11 degrees, which is a cone of 33 degrees, and the cone of the same mean direction has 56.
 
-Anisotropic roughness has no table: a round cone cannot be as wide as a lobe in two directions.
+For GGX and Beckmann with the separable shadowing of Smith, axis and aperture follow from two
+numbers, alpha and the cosine of incidence. They are integrated once over the half vectors, without
+Fresnel's factor, and interpolated in a table. Anisotropic roughness has no table: a round cone
+cannot be as wide as a lobe in two directions.
 """
 
 from __future__ import annotations
@@ -27,8 +30,11 @@ DISTRIBUTIONS: tuple[LobeDistribution, ...] = get_args(LobeDistribution)
 ALPHA_COUNT, COSINE_COUNT = 24, 24
 """Rows and columns of a table, in the square roots of alpha and of the cosine of incidence."""
 
-RADIUS_COUNT, AZIMUTH_COUNT = 192, 48
+RADIUS_COUNT, AZIMUTH_COUNT = 96, 32
 """Half vectors of the integral: rings, and points on half of each ring."""
+
+MEDIAN_STEPS = 12
+"""Steps of the iteration for the spatial median [Weiszfeld1937]."""
 
 LEAST_ALPHA, LEAST_COSINE, LEAST_SINE = 1e-4, 1e-3, 1e-3
 """Nearest to a mirror, to grazing and to normal incidence that a table's integral is taken."""
@@ -43,7 +49,8 @@ class LobeCone:
     aperture
         Full apex angle.
     tilt
-        Angle between the normal and the axis, which lies in the plane of incidence.
+        Angle between the normal and the axis, which lies in the plane of incidence; positive
+        towards the mirrored direction.
     """
 
     aperture: float
@@ -66,6 +73,8 @@ def lobe_cone(distribution: LobeDistribution, alpha: float, cosine: float) -> Lo
     ----------
     [Walter2007] B. Walter, S. Marschner, H. Li, K. Torrance, Microfacet models for refraction
     through rough surfaces, EGSR 2007.
+    [Weiszfeld1937] E. Weiszfeld, Sur le point pour lequel la somme des distances de n points
+    donnes est minimum, Tohoku Mathematical Journal 43, 1937.
     """
     # Slopes by inversion of their distribution, whose tail is long: the rings lie evenly in the
     # fourth root of the share outside of them. The lobe is symmetric about the plane of incidence.
@@ -77,18 +86,43 @@ def lobe_cone(distribution: LobeDistribution, alpha: float, cosine: float) -> Lo
     else:
         slope = alpha * np.sqrt(-np.log(outside))
     z = 1.0 / np.sqrt(1.0 + slope**2)
-    x = slope * z * np.cos(azimuth)
+    x, y = slope * z * np.cos(azimuth), slope * z * np.sin(azimuth)
     sine = math.sqrt(max(0.0, 1.0 - cosine**2))
     facing = sine * x + cosine * z
     # The viewer stands at (sine, 0, cosine); the mirrored direction leads to -x.
-    out_x, out_z = 2.0 * facing * x - sine, 2.0 * facing * z - cosine
-    is_seen = (facing > 0.0) & (out_z > 0.0)
-    out_z = np.where(is_seen, out_z, 1.0)
-    weight = np.where(is_seen, ring * facing / z * _unshadowed(distribution, alpha, out_z), 0.0)
-    total = weight.sum()
-    along, up = -float((weight * out_x).sum() / total), float((weight * out_z).sum() / total)
-    length = min(math.hypot(along, up), 1.0)
-    return LobeCone(2.0 * math.acos(2.0 * length - 1.0), math.atan2(along, up))
+    out = np.stack([2.0 * facing * x - sine, 2.0 * facing * y, 2.0 * facing * z - cosine])
+    is_seen = (facing > 0.0) & (out[2] > 0.0)
+    unshadowed = _unshadowed(distribution, alpha, np.where(is_seen, out[2], 1.0))
+    weight = np.where(is_seen, ring * facing / z * unshadowed, 0.0)
+    return cone_of_directions(out.reshape(3, -1), weight.ravel(), (-sine, 0.0, cosine))
+
+
+def cone_of_directions(
+    directions: np.ndarray, weights: np.ndarray, start: tuple[float, float, float]
+) -> LobeCone:
+    """Return the cone that holds half of the weight within the median angle of an even cone.
+
+    Parameters
+    ----------
+    directions
+        [3, point] unit vectors, symmetric about the plane y = 0, of which one side may be missing.
+    weights
+        [point], >= 0, not all 0.
+    start
+        First guess of the axis.
+    """
+    axis = np.array(start)
+    for _ in range(MEDIAN_STEPS):
+        chord = np.sqrt(((directions - axis[:, None]) ** 2).sum(axis=0)) + np.finfo(float).eps
+        axis = (directions * (weights / chord)).sum(axis=1)
+        axis[1] = 0.0
+        axis /= math.hypot(axis[0], axis[2])
+    # One less the cosine grows as the share of an evenly lit cone.
+    height = 1.0 - axis @ directions
+    order = np.argsort(height)
+    reached = np.cumsum(weights[order])
+    half = float(np.interp(0.5 * reached[-1], reached, height[order]))
+    return LobeCone(2.0 * math.acos(max(-1.0, 1.0 - 2.0 * half)), math.atan2(-axis[0], axis[2]))
 
 
 def _unshadowed(distribution: LobeDistribution, alpha: float, cosine: np.ndarray) -> np.ndarray:

@@ -6,8 +6,9 @@ direction. The diffuse shares make the diffuse albedo; of the others the mean di
 axis of a cone, and the length of that mean its aperture (moment matching,
 `vctgi.maths.cones.aperture_from_mean_cosine`).
 
-For isotropic GGX and Beckmann lobes of known roughness the same cone stands in a table without
-noise (`vctgi.maths.lobes`). An anisotropic lobe is measured, and approximated by one round cone.
+For isotropic GGX and Beckmann lobes of known roughness a cone without noise stands in a table, which
+the lobe's long tail does not widen (`vctgi.maths.lobes`). An anisotropic lobe is always measured, and
+approximated by one round cone.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from vctgi.scene.records import GBuffer
 
 
 LobeCones = Literal["sampled", "fitted"]
-"""Where cones of lobes come from: samples of the BSDF, or tables where there is one."""
+"""Where cones of lobes come from: samples of the BSDF, or its table where it has one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,8 +36,8 @@ class GBufferConfig:
 
     lobe_sample_count: int = 16
     """BSDF samples for each point of a surface that is not plainly diffuse, >= 1."""
-    lobe_cones: LobeCones = "sampled"
-    """"sampled", or "fitted": isotropic GGX and Beckmann lobes of rough conductors and plastics
+    lobe_cones: LobeCones = "fitted"
+    """ "sampled", or "fitted": isotropic GGX and Beckmann lobes of rough conductors and plastics
     take their cone from a table; the others are sampled all the same."""
 
     def __post_init__(self) -> None:
@@ -80,7 +81,7 @@ def trace_gbuffer(
     active
         Lanes to trace.
     lobe_kinds
-        Which table each BSDF's lobe has (`vctgi.scene.lobe_kinds`); None: none has one.
+        Which table each BSDF's lobe has (`vctgi.scene.lobe_kinds.list_lobe_kinds`); None: none has one.
     """
     si = scene.ray_intersect(ray, int(mi.RayFlags.All), as_mask(False), as_mask(active))
     is_valid = si.is_valid()

@@ -4,6 +4,10 @@ Every pixel traces its own. All cones of a picture that start alike sample the v
 distances, which shows as bands where steps are long; so each takes another share of its first step.
 The shares are random, or the 16 of a 4x4 pattern bound to the pixels, whose mean over any 4x4
 pixels holds each share once (`vctgi.stages.reconstruction.denoising` takes it).
+
+Fine lobes take one cone. One cone as wide as a rough lobe would see little but the surface that it
+starts at, and mean what lies along its axis with what lies far beside it; so rough lobes are split
+into a cone in the middle and a ring of cones around it, which cover the same solid angle.
 """
 
 from __future__ import annotations
@@ -46,6 +50,10 @@ SAMPLE_TURN = 0.5 * (math.sqrt(5.0) - 1.0)
 """Share of a step by which the pattern is shifted from one sample of a pixel to the next."""
 
 
+ROUGH_CONE_COUNTS = range(4, 14)
+"""Cones that a rough lobe can be split into."""
+
+
 def specular_march(step_voxels: float) -> ConeMarchConfig:
     """Return a march by steps of so many voxels of the level that is read; the talk's are 1.0.
 
@@ -71,6 +79,11 @@ class SpecularConesConfig:
     noise: PhaseNoise = "random"
     """Share of its first step that each cone takes: "none" (the whole step), "random", or "blue":
     one of 16 by the place of its pixel."""
+    rough_cone_count: int = 7
+    """Cones of a rough lobe: 1 (never split), or one and a ring of 3 to 12 around it."""
+    rough_aperture: float = 0.5
+    """Full apex angle from which on a lobe is rough, radians, > 0. The cones part gradually, and
+    cover their lobe from twice this angle on."""
     phase_offset: float = 0.0
     """Added to that share by all cones alike, modulo 1, in [0, 1); a sweep of it shows banding."""
     march: ConeMarchConfig = field(
@@ -83,6 +96,16 @@ class SpecularConesConfig:
         if not self.min_aperture > 0.0:
             raise ValueError(
                 f"SpecularConesConfig.min_aperture must be > 0, got {self.min_aperture}."
+            )
+        if self.rough_cone_count != 1 and self.rough_cone_count not in ROUGH_CONE_COUNTS:
+            raise ValueError(
+                "SpecularConesConfig.rough_cone_count must be 1 or "
+                f"{ROUGH_CONE_COUNTS.start}..{ROUGH_CONE_COUNTS.stop - 1}, "
+                f"got {self.rough_cone_count}."
+            )
+        if not self.rough_aperture > 0.0:
+            raise ValueError(
+                f"SpecularConesConfig.rough_aperture must be > 0, got {self.rough_aperture}."
             )
         if self.noise not in get_args(PhaseNoise):
             raise ValueError(
@@ -148,35 +171,97 @@ def trace_specular(
     ValueError
         Blue noise for points that have no place in a picture.
     """
-    phase = _first_step_share(gbuffer, config, film)
-    nothing = dr.zeros(mi.Color3f, dr.width(gbuffer.position))
-    reflected = passed = nothing
+    noise = _noise(gbuffer, config, film)
+    reflected = passed = dr.zeros(mi.Color3f, dr.width(gbuffer.position))
     if has_specular:
-        # A lobe that is wider than a cone can be ends at WIDEST_CONE.
-        aperture = dr.clip(gbuffer.specular_aperture, config.min_aperture, WIDEST_CONE)
-        lobe = gbuffer.specular_axis, aperture, gbuffer.specular_albedo
-        reflected = _trace(gbuffer, volume, lobe, phase, config.march, sky)
+        reflected = _trace_lobe(gbuffer, volume, config, noise, sky)
     if has_passing:
-        narrow = mi.Float(config.min_aperture)
-        lobe = gbuffer.ray_direction, narrow, gbuffer.passed
-        passed = _trace(gbuffer, volume, lobe, phase, config.march, sky)
+        narrow = _Cone(gbuffer.ray_direction, mi.Float(config.min_aperture))
+        active = gbuffer.is_valid & (dr.max(gbuffer.passed) > 0.0)
+        passed = _trace(gbuffer, volume, narrow, _first_step_share(noise), config, sky, active)
     return SpecularLight(reflected, passed)
 
 
-def _first_step_share(
+@dataclass
+class _Cone:
+    """Unit axis and full apex angle of one cone a lane."""
+
+    axis: mi.Vector3f
+    aperture: mi.Float
+
+
+def _trace_lobe(
+    gbuffer: GBuffer,
+    volume: VoxelVolume,
+    config: SpecularConesConfig,
+    noise: mi.Float,
+    sky: PrefilteredSky | None,
+) -> mi.Color3f:
+    """Mean radiance over each point's lobe."""
+    # A lobe that is wider than a cone can be ends at WIDEST_CONE.
+    aperture = dr.clip(gbuffer.specular_aperture, config.min_aperture, WIDEST_CONE)
+    lobe = _Cone(gbuffer.specular_axis, aperture)
+    active = gbuffer.is_valid & (dr.max(gbuffer.specular_albedo) > 0.0)
+    count = config.rough_cone_count
+    if count == 1:
+        return _trace(gbuffer, volume, lobe, _first_step_share(noise), config, sky, active)
+    is_rough = active & (aperture > config.rough_aperture)
+    total = dr.zeros(mi.Color3f, dr.width(gbuffer.position))
+    total_weight = dr.zeros(mi.Float, dr.width(gbuffer.position))
+    for number in range(count):
+        # Opaque, so that all cones share one kernel.
+        place = dr.opaque(mi.UInt32, number)
+        cone = _part_of_lobe(lobe, place, count, noise, config.rough_aperture)
+        is_above = dr.dot(cone.axis, gbuffer.normal) > 0.0
+        is_traced = dr.select(place == 0, active, is_rough & is_above)
+        share = _first_step_share(noise + SAMPLE_TURN * mi.Float(place))
+        seen = _trace(gbuffer, volume, cone, share, config, sky, is_traced)
+        total += dr.select(is_traced, seen, 0.0)
+        total_weight += dr.select(is_traced, 1.0, mi.Float(0.0))
+        dr.eval(total, total_weight)
+    return mi.Color3f(total / as_component(dr.maximum(total_weight, 1.0)))
+
+
+def _part_of_lobe(
+    lobe: _Cone, number: mi.UInt32, count: int, noise: mi.Float, rough_aperture: float
+) -> _Cone:
+    """Return one of the cones that share a lobe evenly: number 0 in the middle, a ring of others.
+
+    Up to `rough_aperture` all of them are the lobe, so that no seam shows where it is crossed.
+    """
+    parting = dr.clip(lobe.aperture / rough_aperture - 1.0, 0.0, 1.0)
+    height = 1.0 - dr.cos(0.5 * lobe.aperture)
+    part = 2.0 * dr.acos(1.0 - height / count)
+    # The ring holds the shares from 1 / count to 1; half of its light lies within their mean.
+    from_axis = parting * dr.acos(1.0 - height * (0.5 + 0.5 / count))
+    from_axis = dr.select(number == 0, 0.0, from_axis)
+    turn = (mi.Float(number) + noise) / (count - 1)
+    axis_sine, axis_cosine = dr.sincos(from_axis)
+    sine, cosine = dr.sincos(2.0 * math.pi * turn)
+    local = mi.Vector3f(axis_sine * cosine, axis_sine * sine, axis_cosine)
+    axis = mi.Vector3f(mi.Frame3f(lobe.axis).to_world(local))
+    return _Cone(axis, mi.Float(dr.lerp(lobe.aperture, part, parting)))
+
+
+def _noise(
     gbuffer: GBuffer, config: SpecularConesConfig, film: FilmSample | None
 ) -> mi.Float:
-    """Share of the first step that each point's cones take, (0, 1]."""
-    noise = dr.opaque(mi.Float, config.phase_offset)
+    """Return what tells the cones of points apart, of which the fraction counts, >= 0."""
+    offset = dr.opaque(mi.Float, config.phase_offset)
     if config.noise == "random":
-        noise = noise + random_unit(gbuffer.sample_index, PHASE_STREAM)
-    elif config.noise == "blue":
-        if film is None:
-            raise ValueError(
-                'trace_specular: noise "blue" is bound to pixels, and these points have none: '
-                'pass `film`, or set SpecularConesConfig.noise to "random".'
-            )
-        noise = noise + blue_noise_phase(film, dr.width(gbuffer.position))
+        return mi.Float(offset + random_unit(gbuffer.sample_index, PHASE_STREAM))
+    if config.noise == "none":
+        return offset
+    if film is None:
+        raise ValueError(
+            'trace_specular: noise "blue" is bound to pixels, and these points have none: '
+            'pass `film`, or set SpecularConesConfig.noise to "random".'
+        )
+    return mi.Float(offset + blue_noise_phase(film, dr.width(gbuffer.position)))
+
+
+def _first_step_share(noise: mi.Float) -> mi.Float:
+    """Share of its first step that a cone takes, (0, 1]."""
     return mi.Float(1.0 - (noise - dr.floor(noise)))
 
 
@@ -200,19 +285,20 @@ def blue_noise_phase(film: FilmSample, width: int) -> mi.Float:
 def _trace(
     gbuffer: GBuffer,
     volume: VoxelVolume,
-    lobe: tuple[mi.Vector3f, mi.Float, mi.Color3f],
-    phase: mi.Float,
-    march: ConeMarchConfig,
+    cone: _Cone,
+    first_step_share: mi.Float,
+    config: SpecularConesConfig,
     sky: PrefilteredSky | None,
+    active: mi.Bool,
 ) -> mi.Color3f:
-    """Radiance along one cone of each point (axis, aperture, weight) whose weight is not zero."""
-    axis, aperture, weight = lobe
-    active = gbuffer.is_valid & (dr.max(weight) > 0.0)
-    ratio = 2.0 * dr.tan(0.5 * aperture)
-    cone = march_cone(volume, gbuffer.position, axis, ratio, phase, march, active)
-    radiance = cone.radiance
+    """Radiance along one cone of each active point."""
+    ratio = 2.0 * dr.tan(0.5 * cone.aperture)
+    seen = march_cone(
+        volume, gbuffer.position, cone.axis, ratio, first_step_share, config.march, active
+    )
+    radiance = seen.radiance
     if sky is not None:
-        beyond = sky.read(axis, aperture) * as_component(cone.transmittance)
+        beyond = sky.read(cone.axis, cone.aperture) * as_component(seen.transmittance)
         radiance += dr.select(active, beyond, 0.0)
     dr.eval(radiance)
     return radiance
