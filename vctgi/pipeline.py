@@ -334,6 +334,39 @@ def gather_specular(
     return light.towards_viewer(gbuffer)
 
 
+def trace_pixels(
+    prepared: PreparedScene, config: RenderConfig, number: int, seed: int = 0
+) -> GBuffer:
+    """Trace one camera ray through each pixel, in rows from the top left one.
+
+    Parameters
+    ----------
+    prepared
+        Scene and camera.
+    config
+        Effort for measuring lobes.
+    number
+        Which sample of each pixel, from 0.
+    seed
+        Chooses the random decisions of the rays.
+    """
+    width, height = (int(n) for n in prepared.sensor.film().crop_size())
+    pixel = dr.arange(mi.UInt32, width * height)
+    stream = dr.opaque(mi.UInt32, number + seed * SEED_STRIDE)
+    sample_index = mi.UInt32(mi.sample_tea_32(as_bits(pixel), as_bits(stream), TEA_ROUNDS)[0])
+    gbuffer = trace_gbuffer(
+        prepared.scene,
+        _camera_rays(prepared.sensor, pixel, sample_index, number),
+        sample_index,
+        config.gbuffer,
+        has_specular=prepared.plan.has_specular,
+        has_passing=prepared.plan.has_passing,
+        lobe_kinds=prepared.lobe_kinds,
+    )
+    dr.eval(gbuffer)
+    return gbuffer
+
+
 def render_frame(
     prepared: PreparedScene,
     volume: VoxelVolume,
@@ -361,20 +394,8 @@ def render_frame(
     sums = {name: dr.zeros(mi.Float, pixel_count * n) for name, n in CHANNELS.items()}
     pixel = dr.arange(mi.UInt32, pixel_count)
     for number in range(config.samples_per_pixel):
-        stream = dr.opaque(mi.UInt32, number + seed * SEED_STRIDE)
-        sample_index = mi.UInt32(mi.sample_tea_32(as_bits(pixel), as_bits(stream), TEA_ROUNDS)[0])
         with clock("G-buffer"):
-            ray = _camera_rays(prepared.sensor, pixel, sample_index, number)
-            gbuffer = trace_gbuffer(
-                prepared.scene,
-                ray,
-                sample_index,
-                config.gbuffer,
-                has_specular=prepared.plan.has_specular,
-                has_passing=prepared.plan.has_passing,
-                lobe_kinds=prepared.lobe_kinds,
-            )
-            dr.eval(gbuffer)
+            gbuffer = trace_pixels(prepared, config, number, seed)
         film = FilmSample(width, number)
         light = gather_light(prepared, gbuffer, volume, config, clock, film)
         _accumulate(sums, gbuffer, light, pixel, config.samples_per_pixel)

@@ -6,9 +6,9 @@ from widening the cone: seen straight on with alpha 0.1, a GGX lobe holds half o
 11 degrees, which is a cone of 33 degrees, and the cone of the same mean direction has 56.
 
 For GGX and Beckmann with the separable shadowing of Smith, axis and aperture follow from two
-numbers, alpha and the cosine of incidence. They are integrated once over the half vectors, without
-Fresnel's factor, and interpolated in a table. Anisotropic roughness has no table: a round cone
-cannot be as wide as a lobe in two directions.
+numbers, alpha and the cosine of incidence. They are integrated once over the half vectors, for a
+perfect mirror and with the Fresnel factor of a dielectric, and interpolated in tables. Anisotropic
+roughness has no table: a round cone cannot be as wide as a lobe in two directions.
 """
 
 from __future__ import annotations
@@ -22,15 +22,24 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from vctgi.maths.cones import GOLDEN_TURN
+
 LobeDistribution = Literal["beckmann", "ggx"]
 """Distributions of microfacet normals that have a table."""
 
 DISTRIBUTIONS: tuple[LobeDistribution, ...] = get_args(LobeDistribution)
 
-ALPHA_COUNT, COSINE_COUNT = 24, 24
+TABLES = tuple((each, is_coat) for is_coat in (False, True) for each in DISTRIBUTIONS)
+"""What the tables are of: a distribution, and whether with the Fresnel factor of a coat."""
+
+COAT_IOR = 1.49
+"""Index of refraction of coats, Mitsuba's default for plastics; other coats are read off the same
+tables."""
+
+ALPHA_COUNT, COSINE_COUNT = 18, 18
 """Rows and columns of a table, in the square roots of alpha and of the cosine of incidence."""
 
-RADIUS_COUNT, AZIMUTH_COUNT = 96, 32
+RADIUS_COUNT, AZIMUTH_COUNT = 64, 24
 """Half vectors of the integral: rings, and points on half of each ring."""
 
 MEDIAN_STEPS = 12
@@ -57,7 +66,9 @@ class LobeCone:
     tilt: float
 
 
-def lobe_cone(distribution: LobeDistribution, alpha: float, cosine: float) -> LobeCone:
+def lobe_cone(
+    distribution: LobeDistribution, alpha: float, cosine: float, *, is_coat: bool = False
+) -> LobeCone:
     """Integrate the cone of one lobe.
 
     Parameters
@@ -68,6 +79,8 @@ def lobe_cone(distribution: LobeDistribution, alpha: float, cosine: float) -> Lo
         Roughness, (0, 1].
     cosine
         Of the angle between the viewer and the normal, (0, 1].
+    is_coat
+        Whether each microfacet reflects as a dielectric of `COAT_IOR`, not all light.
 
     References
     ----------
@@ -78,7 +91,9 @@ def lobe_cone(distribution: LobeDistribution, alpha: float, cosine: float) -> Lo
     """
     # Slopes by inversion of their distribution, whose tail is long: the rings lie evenly in the
     # fourth root of the share outside of them. The lobe is symmetric about the plane of incidence.
-    root = (np.arange(RADIUS_COUNT) + 0.5)[:, None] / RADIUS_COUNT
+    # Each azimuth has rings of its own, so that no two half vectors share an angle.
+    shift = (np.arange(AZIMUTH_COUNT) * GOLDEN_TURN % 1.0)[None, :]
+    root = (np.arange(RADIUS_COUNT)[:, None] + shift + 0.5 / AZIMUTH_COUNT) / RADIUS_COUNT
     outside, ring = root**4, root**3
     azimuth = math.pi * (np.arange(AZIMUTH_COUNT) + 0.5)[None, :] / AZIMUTH_COUNT
     if distribution == "ggx":
@@ -94,6 +109,8 @@ def lobe_cone(distribution: LobeDistribution, alpha: float, cosine: float) -> Lo
     is_seen = (facing > 0.0) & (out[2] > 0.0)
     unshadowed = _unshadowed(distribution, alpha, np.where(is_seen, out[2], 1.0))
     weight = np.where(is_seen, ring * facing / z * unshadowed, 0.0)
+    if is_coat:
+        weight = weight * _dielectric_fresnel(np.clip(facing, 0.0, 1.0))
     return cone_of_directions(out.reshape(3, -1), weight.ravel(), (-sine, 0.0, cosine))
 
 
@@ -136,35 +153,44 @@ def _unshadowed(distribution: LobeDistribution, alpha: float, cosine: np.ndarray
     return np.where(ratio < 1.6, rational, 1.0)
 
 
+def _dielectric_fresnel(cosine: np.ndarray) -> np.ndarray:
+    """Share of unpolarized light that a dielectric of `COAT_IOR` reflects."""
+    inside = np.sqrt(1.0 - (1.0 - cosine**2) / COAT_IOR**2)
+    across = (cosine - COAT_IOR * inside) / (cosine + COAT_IOR * inside)
+    along = (COAT_IOR * cosine - inside) / (COAT_IOR * cosine + inside)
+    share: np.ndarray = 0.5 * (across**2 + along**2)
+    return share
+
+
 @cache
 def lobe_tables() -> tuple[np.ndarray, np.ndarray]:
-    """Return relative apertures and tilts [distribution, alpha, cosine], in `DISTRIBUTIONS` order.
+    """Return relative apertures and tilts [table, alpha, cosine], in the order of `TABLES`.
 
     Apertures are over alpha and tilts over the angle of incidence, which leaves smooth functions.
     """
-    shape = (len(DISTRIBUTIONS), ALPHA_COUNT, COSINE_COUNT)
+    shape = (len(TABLES), ALPHA_COUNT, COSINE_COUNT)
     apertures, tilts = np.empty(shape), np.empty(shape)
-    for kind, distribution in enumerate(DISTRIBUTIONS):
+    for kind, (distribution, is_coat) in enumerate(TABLES):
         for row in range(ALPHA_COUNT):
             for column in range(COSINE_COUNT):
                 alpha = max((row / (ALPHA_COUNT - 1)) ** 2, LEAST_ALPHA)
                 cosine = max((column / (COSINE_COUNT - 1)) ** 2, LEAST_COSINE)
                 cosine = min(cosine, math.sqrt(1.0 - LEAST_SINE**2))
-                cone = lobe_cone(distribution, alpha, cosine)
+                cone = lobe_cone(distribution, alpha, cosine, is_coat=is_coat)
                 apertures[kind, row, column] = cone.aperture / alpha
                 tilts[kind, row, column] = cone.tilt / math.acos(cosine)
     return apertures, tilts
 
 
 def read_lobe_cone(
-    distribution: mi.UInt32, alpha: mi.Float, cosine: mi.Float
+    table: mi.UInt32, alpha: mi.Float, cosine: mi.Float
 ) -> tuple[mi.Float, mi.Float]:
     """Interpolate the cone of lobes, one a lane.
 
     Parameters
     ----------
-    distribution
-        Places in `DISTRIBUTIONS`.
+    table
+        Places in `TABLES`.
     alpha, cosine
         Roughness and cosine of incidence; those outside [0, 1] are read at the table's rim.
 
@@ -179,13 +205,13 @@ def read_lobe_cone(
     row_index = dr.minimum(mi.UInt32(row), ALPHA_COUNT - 2)
     column_index = dr.minimum(mi.UInt32(column), COSINE_COUNT - 2)
     row_share, column_share = row - mi.Float(row_index), column - mi.Float(column_index)
-    first = (distribution * ALPHA_COUNT + row_index) * COSINE_COUNT + column_index
+    first = (table * ALPHA_COUNT + row_index) * COSINE_COUNT + column_index
 
-    def read(table: mi.Float) -> mi.Float:
+    def read(values: mi.Float) -> mi.Float:
         near, far = (
             dr.lerp(
-                dr.gather(mi.Float, table, first + step),
-                dr.gather(mi.Float, table, first + step + 1),
+                dr.gather(mi.Float, values, first + step),
+                dr.gather(mi.Float, values, first + step + 1),
                 column_share,
             )
             for step in (0, COSINE_COUNT)

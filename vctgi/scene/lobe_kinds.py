@@ -13,29 +13,29 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from vctgi.maths.lobes import DISTRIBUTIONS
+from vctgi.maths.lobes import TABLES
 from vctgi.scene.materials import inside_two_sided
 
-TABLED_KINDS = ("RoughConductor", "RoughPlastic")
-"""Mitsuba classes whose specular lobe is that of a rough mirror, up to Fresnel's factor."""
+COATED = {"RoughConductor": False, "RoughPlastic": True}
+"""Mitsuba classes whose specular lobe has a table: whether it has a dielectric's Fresnel factor."""
 
-NO_TABLE = len(DISTRIBUTIONS)
+NO_TABLE = len(TABLES)
 """Entry of a BSDF whose lobe has to be sampled."""
 
 
-def lobe_distribution(bsdf: mi.BSDF) -> int:
-    """Return the place in `DISTRIBUTIONS` of a BSDF's lobe, or `NO_TABLE`."""
+def lobe_table(bsdf: mi.BSDF) -> int:
+    """Return the place in `TABLES` of a BSDF's lobe, or `NO_TABLE`."""
     kind = inside_two_sided(bsdf).class_name()
-    if kind not in TABLED_KINDS or not dr.all(bsdf.has_attribute("alpha")):
+    if kind not in COATED or not dr.all(bsdf.has_attribute("alpha")):
         return NO_TABLE
     named = set(re.findall(r"distribution = (\w+)", str(bsdf)))
     # The sides of a two-sided BSDF may differ.
-    known = [place for place, name in enumerate(DISTRIBUTIONS) if named == {name}]
-    return known[0] if known else NO_TABLE
+    wanted = [(name, COATED[kind]) for name in named]
+    return TABLES.index(wanted[0]) if len(wanted) == 1 and wanted[0] in TABLES else NO_TABLE
 
 
 def list_lobe_kinds(bsdfs: Iterable[mi.BSDF]) -> mi.UInt32 | None:
-    """Return `lobe_distribution` by number of the BSDF, or None where none has a table.
+    """Return `lobe_table` by number of the BSDF, or None where none has a table.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def list_lobe_kinds(bsdfs: Iterable[mi.BSDF]) -> mi.UInt32 | None:
     found = {}
     for bsdf in bsdfs:
         pointer = mi.BSDFPtr(bsdf)
-        found[int(dr.reinterpret_array(mi.UInt32, pointer)[0])] = lobe_distribution(bsdf)
+        found[int(dr.reinterpret_array(mi.UInt32, pointer)[0])] = lobe_table(bsdf)
     if all(kind == NO_TABLE for kind in found.values()):
         return None
     kinds = np.full(max(found) + 1, NO_TABLE, dtype=np.uint32)

@@ -20,8 +20,8 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.maths.cones import aperture_from_mean_cosine
-from vctgi.maths.directions import face_forward, random_unit
-from vctgi.maths.lobes import DISTRIBUTIONS, read_lobe_cone
+from vctgi.maths.directions import face_forward, kronecker_points, random_unit
+from vctgi.maths.lobes import TABLES, read_lobe_cone
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.records import GBuffer
 
@@ -172,9 +172,11 @@ def _sample_lobes(
     active: mi.Bool,
 ) -> _Lobes:
     """Take one of `sample_count` samples and sort it by the lobe that it took."""
-    stream = 3 * mi.UInt32(number)
-    lobe = (mi.Float(number) + random_unit(sample_index, stream)) / sample_count
-    point = mi.Point2f(random_unit(sample_index, stream + 1), random_unit(sample_index, stream + 2))
+    # The points of a sequence, moved as one: what they measure hardly differs between pixels.
+    lobe = (mi.Float(number) + random_unit(sample_index, 0)) / sample_count
+    place = kronecker_points(mi.UInt32(number))
+    place += mi.Point2f(random_unit(sample_index, 1), random_unit(sample_index, 2))
+    point = place - dr.floor(place)
     sample, raw = bsdf.sample(mi.BSDFContext(), si, as_component(lobe), point, as_mask(active))
     is_used = active & (sample.pdf > 0.0)
     weight = dr.select(is_used, mi.Color3f(raw), 0.0) / sample_count
@@ -269,7 +271,7 @@ def _fitted_cone(
     number = dr.reinterpret_array(mi.UInt32, bsdf)
     active &= number < dr.width(lobe_kinds)
     kind = dr.gather(mi.UInt32, lobe_kinds, number, active)
-    active &= kind < len(DISTRIBUTIONS)
+    active &= kind < len(TABLES)
     alpha = mi.Float(bsdf.eval_attribute_1("alpha", si, as_mask(active)))
     to_viewer = mi.Vector3f(si.to_world(si.wi))
     cosine = dr.dot(to_viewer, normal)

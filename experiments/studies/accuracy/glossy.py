@@ -1,0 +1,147 @@
+"""The glossy built-in scene by specular cones alone, and what its marches look like from the eye."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+import reference
+import vctgi
+from experiments.scenes.glossy_floor import glossy_floor
+from experiments.studies.check import StudyContext
+from metrics.luminance import luminance
+from vctgi.clipmap.storage import VoxelVolume
+from vctgi.maths.cones import ratio_from_aperture
+from vctgi.pipeline import PreparedScene, gather_specular, trace_pixels
+from vctgi.scene.records import FilmSample, GBuffer
+from vctgi.stages.cone_tracing.march import ConeMarchConfig
+
+EDGE = (160, 96)
+"""Pixels along an edge, in the whole study and in the quick one."""
+
+PATHS = (512, 128)
+"""Paths a pixel of the reference."""
+
+RESOLUTION = 64
+"""Voxels along an edge."""
+
+FARTHEST_NEIGHBOUR = 0.15
+"""Relative change from pixel to pixel of the distance that a cone sees to, where it meets no edge."""
+
+
+@dataclass
+class GlossyView:
+    """The scene, its lit voxels, and the pixels that its floor fills."""
+
+    edge: int
+    prepared: PreparedScene
+    volume: VoxelVolume
+    config: vctgi.RenderConfig
+
+    def render(self, config: vctgi.RenderConfig, sample_count: int = 1) -> np.ndarray:
+        """Light [row, column, rgb] that specular lobes reflect, a mean of samples a pixel."""
+        total = np.zeros((self.edge, self.edge, 3))
+        for number in range(sample_count):
+            gbuffer = trace_pixels(self.prepared, config, number)
+            film = FilmSample(self.edge, number)
+            found = gather_specular(self.prepared, gbuffer, self.volume, config, film=film)
+            total += np.array(found, dtype=np.float64).T.reshape(total.shape)
+        return total / sample_count
+
+    def gbuffer(self) -> GBuffer:
+        """Return the first sample of each pixel."""
+        return trace_pixels(self.prepared, self.config, 0)
+
+    def cycles(self, march: ConeMarchConfig) -> tuple[np.ndarray, np.ndarray]:
+        """Return steps of the march to what each pixel's cone sees, and where bands can be told.
+
+        Returns
+        -------
+        tuple
+            Steps [row, column], a real number; a mask: glossy, and nothing else next to it.
+        """
+        gbuffer = self.gbuffer()
+        origin = gbuffer.position + self.volume.layout.finest_voxel_size * 1e-2 * gbuffer.normal
+        si = self.prepared.scene.ray_intersect(mi.Ray3f(origin, gbuffer.specular_axis))
+        is_glossy = np.array(gbuffer.is_valid & (dr.max(gbuffer.specular_albedo) > 0.0))
+        distance = np.where(is_glossy, np.array(dr.select(si.is_valid(), si.t, 1.0)), 1.0)
+        aperture = np.where(is_glossy, np.array(gbuffer.specular_aperture), 1.0)
+        steps = steps_to(distance, aperture, march, self.volume.layout.finest_voxel_size)
+        shape = (self.edge, self.edge)
+        slopes = np.abs(np.gradient(np.log(distance.reshape(shape))))
+        mask = is_glossy.reshape(shape) & (sum(slopes) < FARTHEST_NEIGHBOUR)
+        inner = mask.copy()
+        inner[1:-1] &= mask[2:] & mask[:-2]
+        inner[:, 1:-1] &= mask[:, 2:] & mask[:, :-2]
+        return steps.reshape(shape), inner
+
+
+def steps_to(
+    distance: np.ndarray, aperture: np.ndarray, march: ConeMarchConfig, voxel_size: float
+) -> np.ndarray:
+    """Steps of a march from its start to a distance, inside one clip level.
+
+    Even steps lead to where the cone is as wide as they are long; from there on they grow with it.
+    """
+    start = march.start_offset_voxels * voxel_size
+    even = march.min_step_voxels * voxel_size
+    growth = march.step_ratio * np.vectorize(ratio_from_aperture)(aperture)
+    turn = np.maximum(even / growth, start)
+    near = (np.minimum(distance, turn) - start) / even
+    far = np.log(np.maximum(distance, turn) / turn) / np.log1p(growth)
+    steps: np.ndarray = near + far
+    return steps
+
+
+def glossy_view(context: StudyContext, alpha: float) -> GlossyView:
+    """Return the scene with a GGX floor of this roughness."""
+
+    def prepare() -> GlossyView:
+        edge = EDGE[context.quick]
+        scene, config = _load(alpha, edge), vctgi.RenderConfig()
+        config = replace(config, clipmap=replace(config.clipmap, resolution=RESOLUTION))
+        prepared = vctgi.prepare_scene(scene, scene.sensors()[0], config)
+        volume = vctgi.light_volume(prepared, config).volume
+        return GlossyView(edge, prepared, volume, config)
+
+    return context.once(f"glossy view, {alpha}", prepare)
+
+
+def path_traced_batches(context: StudyContext, alpha: float) -> np.ndarray:
+    """Batches [batch, row, column, rgb] of the same light by path tracing."""
+
+    def trace() -> np.ndarray:
+        request = reference.ReferenceRequest(
+            samples_per_pixel=PATHS[context.quick], batch_count=8, rest_samples_per_pixel=0
+        )
+        progress: Callable[[float], None] = lambda share: context.progress("path tracing", share)
+        truth = reference.render_reference(
+            _load(alpha, EDGE[context.quick]),
+            sensor=0,
+            request=request,
+            cache_directory=None,
+            progress=progress,
+        )
+        return truth.batches("indirect_specular").astype(np.float64)
+
+    return context.once(f"glossy truth, {alpha}", trace)
+
+
+def relative_residual(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """(V - R) / (R + 0.05 mean R) of luminance [row, column], means over what is lit."""
+    bright = luminance(truth)
+    floor = 0.05 * float(bright[bright > 0.0].mean())
+    residual: np.ndarray = (luminance(found) - bright) / (bright + floor)
+    return residual
+
+
+def _load(alpha: float, edge: int) -> mi.Scene:
+    description = glossy_floor(alpha=alpha)
+    film = description["sensor"]["film"]
+    film.update(width=edge, height=edge, rfilter={"type": "box"}, component_format="float32")
+    scene: mi.Scene = mi.load_dict(description)
+    return scene
