@@ -75,7 +75,7 @@ def structured_power(
     Parameters
     ----------
     residual
-        Relative residual, ``(H, W)``: (V - R) / R, or one that holds only what depends on the march.
+        Relative residual, ``(H, W)``: (V - R) / R, with R the truth, or the mean over start phases.
     cycles
         Steps of the march from its start to what is seen, ``(H, W)``, a real number; a band repeats
         where it grows by one. A tile counts if it sees at least one cycle and at most one for two
@@ -197,9 +197,7 @@ def _checked_mask(mask: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.
         return np.ones(shape, dtype=np.bool_)
     chosen = np.asarray(mask)
     if chosen.dtype != np.bool_ or chosen.shape != shape:
-        raise ValueError(
-            f"mask must be boolean and {shape}, got {chosen.dtype} {chosen.shape}."
-        )
+        raise ValueError(f"mask must be boolean and {shape}, got {chosen.dtype} {chosen.shape}.")
     if not chosen.any():
         raise ValueError("mask must be true somewhere, got all false: nothing is left to measure.")
     return chosen

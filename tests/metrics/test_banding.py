@@ -87,11 +87,9 @@ def test_marches_that_bands_cannot_show_are_refused() -> None:
 def test_phase_spread_is_that_of_the_bands() -> None:
     # Bands that move by 1/8 of a cycle from phase to phase: a sine of K even phases has a variance
     # of K / (K - 1) / 2.
-    y, x = np.mgrid[0:SIZE, 0:SIZE]
+    x = np.mgrid[0:SIZE, 0:SIZE][1]
     count, strength, mean = 8, 0.1, 2.0
-    pictures = [
-        mean + strength * np.sin(2.0 * np.pi * (0.2 * x + k / count)) for k in range(count)
-    ]
+    pictures = [mean + strength * np.sin(2.0 * np.pi * (0.2 * x + k / count)) for k in range(count)]
     expected = strength * np.sqrt(0.5 * count / (count - 1)) / mean
     assert phase_spread(pictures) == pytest.approx(expected, rel=1e-3)
     coloured = np.repeat(np.array(pictures)[..., None], 3, axis=3)

@@ -42,7 +42,7 @@ ALPHA_COUNT, COSINE_COUNT = 18, 18
 RADIUS_COUNT, AZIMUTH_COUNT = 64, 24
 """Half vectors of the integral: rings, and points on half of each ring."""
 
-MEDIAN_STEPS = 12
+MEDIAN_STEPS = 16
 """Steps of the iteration for the spatial median [Weiszfeld1937]."""
 
 LEAST_ALPHA, LEAST_COSINE, LEAST_SINE = 1e-4, 1e-3, 1e-3

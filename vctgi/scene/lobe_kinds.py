@@ -46,7 +46,8 @@ def list_lobe_kinds(bsdfs: Iterable[mi.BSDF]) -> mi.UInt32 | None:
     found = {}
     for bsdf in bsdfs:
         pointer = mi.BSDFPtr(bsdf)
-        found[int(dr.reinterpret_array(mi.UInt32, pointer)[0])] = lobe_table(bsdf)
+        number = mi.UInt32(dr.reinterpret_array(mi.UInt32, pointer))  # type: ignore[arg-type]  # untyped
+        found[int(number[0])] = lobe_table(bsdf)
     if all(kind == NO_TABLE for kind in found.values()):
         return None
     kinds = np.full(max(found) + 1, NO_TABLE, dtype=np.uint32)

@@ -6,9 +6,9 @@ direction. The diffuse shares make the diffuse albedo; of the others the mean di
 axis of a cone, and the length of that mean its aperture (moment matching,
 `vctgi.maths.cones.aperture_from_mean_cosine`).
 
-For isotropic GGX and Beckmann lobes of known roughness a cone without noise stands in a table, which
-the lobe's long tail does not widen (`vctgi.maths.lobes`). An anisotropic lobe is always measured, and
-approximated by one round cone.
+For isotropic GGX and Beckmann lobes of known roughness a cone without noise stands in a table, and
+the lobe's long tail does not widen it (`vctgi.maths.lobes`). An anisotropic lobe is always measured,
+and approximated by one round cone.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from vctgi.maths.directions import face_forward, kronecker_points, random_unit
 from vctgi.maths.lobes import TABLES, read_lobe_cone
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.records import GBuffer
-
 
 LobeCones = Literal["sampled", "fitted"]
 """Where cones of lobes come from: samples of the BSDF, or its table where it has one."""
@@ -81,7 +80,7 @@ def trace_gbuffer(
     active
         Lanes to trace.
     lobe_kinds
-        Which table each BSDF's lobe has (`vctgi.scene.lobe_kinds.list_lobe_kinds`); None: none has one.
+        Which table each BSDF's lobe has (`vctgi.scene.lobe_kinds`); None: none has one.
     """
     si = scene.ray_intersect(ray, int(mi.RayFlags.All), as_mask(False), as_mask(active))
     is_valid = si.is_valid()
@@ -268,7 +267,7 @@ def _fitted_cone(
     active: mi.Bool,
 ) -> _FittedCone:
     """Read the cone of each point's lobe from the table of its distribution."""
-    number = dr.reinterpret_array(mi.UInt32, bsdf)
+    number = mi.UInt32(dr.reinterpret_array(mi.UInt32, bsdf))  # type: ignore[arg-type]  # untyped
     active &= number < dr.width(lobe_kinds)
     kind = dr.gather(mi.UInt32, lobe_kinds, number, active)
     active &= kind < len(TABLES)

@@ -1,8 +1,7 @@
-"""The glossy built-in scene by specular cones alone, and what its marches look like from the eye."""
+"""The glossy built-in scene by specular cones alone, and where their marches step."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import drjit as dr
@@ -16,7 +15,9 @@ from experiments.studies.check import StudyContext
 from metrics.luminance import luminance
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.cones import ratio_from_aperture
+from vctgi.maths.directions import offset_from_surface
 from vctgi.pipeline import PreparedScene, gather_specular, trace_pixels
+from vctgi.scene.extent import half_extent
 from vctgi.scene.records import FilmSample, GBuffer
 from vctgi.stages.cone_tracing.march import ConeMarchConfig
 
@@ -30,7 +31,7 @@ RESOLUTION = 64
 """Voxels along an edge."""
 
 FARTHEST_NEIGHBOUR = 0.15
-"""Relative change from pixel to pixel of the distance that a cone sees to, where it meets no edge."""
+"""Relative change from pixel to pixel of the distance that cones see to, away from edges."""
 
 
 @dataclass
@@ -65,7 +66,9 @@ class GlossyView:
             Steps [row, column], a real number; a mask: glossy, and nothing else next to it.
         """
         gbuffer = self.gbuffer()
-        origin = gbuffer.position + self.volume.layout.finest_voxel_size * 1e-2 * gbuffer.normal
+        origin = offset_from_surface(
+            gbuffer.position, gbuffer.normal, half_extent(self.prepared.scene)
+        )
         si = self.prepared.scene.ray_intersect(mi.Ray3f(origin, gbuffer.specular_axis))
         is_glossy = np.array(gbuffer.is_valid & (dr.max(gbuffer.specular_albedo) > 0.0))
         distance = np.where(is_glossy, np.array(dr.select(si.is_valid(), si.t, 1.0)), 1.0)
@@ -83,7 +86,7 @@ class GlossyView:
 def steps_to(
     distance: np.ndarray, aperture: np.ndarray, march: ConeMarchConfig, voxel_size: float
 ) -> np.ndarray:
-    """Steps of a march from its start to a distance, inside one clip level.
+    """Return the steps of a march from its start to a distance, inside one clip level.
 
     Even steps lead to where the cone is as wide as they are long; from there on they grow with it.
     """
@@ -118,13 +121,12 @@ def path_traced_batches(context: StudyContext, alpha: float) -> np.ndarray:
         request = reference.ReferenceRequest(
             samples_per_pixel=PATHS[context.quick], batch_count=8, rest_samples_per_pixel=0
         )
-        progress: Callable[[float], None] = lambda share: context.progress("path tracing", share)
         truth = reference.render_reference(
             _load(alpha, EDGE[context.quick]),
             sensor=0,
             request=request,
             cache_directory=None,
-            progress=progress,
+            progress=lambda share: context.progress("path tracing", share),
         )
         return truth.batches("indirect_specular").astype(np.float64)
 

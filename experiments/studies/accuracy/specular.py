@@ -1,4 +1,4 @@
-"""Specular cones: do they fit the lobes, do bands vanish, how far is the picture from the truth?"""
+"""Specular cones: their fit to lobes, the bands they leave, their pictures against the truth."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import mitsuba as mi
 import numpy as np
 
 import metrics
-import vctgi
 from experiments.studies.accuracy.glossy import (
     RESOLUTION,
     glossy_view,
@@ -172,13 +171,13 @@ def _bands() -> list[Check]:
                     goal=0.0,
                 )
             )
-    for name, measure in (("B1", _gain_of_spread), ("B2", _gain_of_power)):
+    for name, gain in (("B1", _gain_of_spread), ("B2", _gain_of_power)):
         found.append(
             Check(
                 name=f"banding {name}, off over on",
                 configuration=f"steps of {STEP_VOXELS:g} voxel, N = {RESOLUTION}",
                 scene=scene,
-                measure=measure,
+                measure=gain,
                 limit_low=LEAST_GAIN,
             )
         )

@@ -243,9 +243,7 @@ def _part_of_lobe(
     return _Cone(axis, mi.Float(dr.lerp(lobe.aperture, part, parting)))
 
 
-def _noise(
-    gbuffer: GBuffer, config: SpecularConesConfig, film: FilmSample | None
-) -> mi.Float:
+def _noise(gbuffer: GBuffer, config: SpecularConesConfig, film: FilmSample | None) -> mi.Float:
     """Return what tells the cones of points apart, of which the fraction counts, >= 0."""
     offset = dr.opaque(mi.Float, config.phase_offset)
     if config.noise == "random":

@@ -164,7 +164,7 @@ def _likeness(
 ) -> mi.Float:
     """Weight of a neighbour, (0, 1], the same in both directions."""
     normal_width, plane_width, axis_width, roughness_width = widths
-    way = there.position - here.position
+    way = mi.Vector3f(there.position - here.position)
     distance = dr.norm(way)
     off_plane = dr.maximum(dr.abs(dr.dot(way, here.normal)), dr.abs(dr.dot(way, there.normal)))
     sine = dr.select(distance > 0.0, off_plane / dr.select(distance > 0.0, distance, 1.0), 0.0)
