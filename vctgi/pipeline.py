@@ -32,14 +32,13 @@ from vctgi.scene.records import FilmSample, GBuffer
 from vctgi.scene.sky import PrefilteredSky, prefilter_sky
 from vctgi.scene.surfaces import VoxelSurfaces, select_surfaces
 from vctgi.scene.triangles import SceneTriangles, extract_triangles
+from vctgi.specular_pipeline import gather_specular
 from vctgi.stages.composite import IndirectLight, composite
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
-from vctgi.stages.cone_tracing.specular import trace_specular
 from vctgi.stages.downsampling import downsample
 from vctgi.stages.gbuffer import trace_gbuffer
 from vctgi.stages.light_injection import inject_light
 from vctgi.stages.outgoing_radiance import with_radiance
-from vctgi.stages.reconstruction.denoising import filter_specular
 from vctgi.stages.reflective_shadow_map import render_reflective_shadow_maps
 from vctgi.stages.voxelization.emittance import voxelize_emission
 from vctgi.stages.voxelization.opacity import voxelize_triangles
@@ -282,89 +281,13 @@ def gather_light(
         dr.eval(incident)
     specular = None
     if plan.has_specular or plan.has_passing:
-        specular = gather_specular(prepared, gbuffer, volume, config, clock, film)
+        with clock("specular cones"):
+            specular = gather_specular(plan, gbuffer, volume, config, sky, film)
+            dr.eval(specular)
     with clock("composite"):
         light = composite(gbuffer, incident, specular)
         dr.eval(light)
     return light
-
-
-def gather_specular(
-    prepared: PreparedScene,
-    gbuffer: GBuffer,
-    volume: VoxelVolume,
-    config: RenderConfig,
-    clock: StageClock = no_clock,
-    film: FilmSample | None = None,
-) -> mi.Color3f:
-    """Trace the specular cones of visible points, filter them, and weigh them with the surfaces.
-
-    Raises
-    ------
-    ValueError
-        A filter, or blue noise, for points that are not pixels (`film` is None).
-    """
-    plan = prepared.plan
-    with clock("specular cones"):
-        light = trace_specular(
-            gbuffer,
-            volume,
-            config.specular,
-            has_specular=plan.has_specular,
-            has_passing=plan.has_passing,
-            sky=prepared.sky if plan.has_sky_in_cones else None,
-            film=film,
-        )
-        dr.eval(light)
-    if plan.has_specular and config.specular_filter.kind != "none":
-        if film is None:
-            raise ValueError(
-                "gather_specular: only pixels have neighbours to filter with: pass `film`, or set "
-                'RenderConfig.specular_filter.kind to "none".'
-            )
-        with clock("specular filter"):
-            light.reflected = filter_specular(
-                light.reflected,
-                gbuffer,
-                film.width,
-                config.specular.min_aperture,
-                config.specular_filter,
-            )
-            dr.eval(light)
-    return light.towards_viewer(gbuffer)
-
-
-def trace_pixels(
-    prepared: PreparedScene, config: RenderConfig, number: int, seed: int = 0
-) -> GBuffer:
-    """Trace one camera ray through each pixel, in rows from the top left one.
-
-    Parameters
-    ----------
-    prepared
-        Scene and camera.
-    config
-        Effort for measuring lobes.
-    number
-        Which sample of each pixel, from 0.
-    seed
-        Chooses the random decisions of the rays.
-    """
-    width, height = (int(n) for n in prepared.sensor.film().crop_size())
-    pixel = dr.arange(mi.UInt32, width * height)
-    stream = dr.opaque(mi.UInt32, number + seed * SEED_STRIDE)
-    sample_index = mi.UInt32(mi.sample_tea_32(as_bits(pixel), as_bits(stream), TEA_ROUNDS)[0])
-    gbuffer = trace_gbuffer(
-        prepared.scene,
-        _camera_rays(prepared.sensor, pixel, sample_index, number),
-        sample_index,
-        config.gbuffer,
-        has_specular=prepared.plan.has_specular,
-        has_passing=prepared.plan.has_passing,
-        lobe_kinds=prepared.lobe_kinds,
-    )
-    dr.eval(gbuffer)
-    return gbuffer
 
 
 def render_frame(
@@ -394,8 +317,20 @@ def render_frame(
     sums = {name: dr.zeros(mi.Float, pixel_count * n) for name, n in CHANNELS.items()}
     pixel = dr.arange(mi.UInt32, pixel_count)
     for number in range(config.samples_per_pixel):
+        stream = dr.opaque(mi.UInt32, number + seed * SEED_STRIDE)
+        sample_index = mi.UInt32(mi.sample_tea_32(as_bits(pixel), as_bits(stream), TEA_ROUNDS)[0])
         with clock("G-buffer"):
-            gbuffer = trace_pixels(prepared, config, number, seed)
+            ray = _camera_rays(prepared.sensor, pixel, sample_index, number)
+            gbuffer = trace_gbuffer(
+                prepared.scene,
+                ray,
+                sample_index,
+                config.gbuffer,
+                has_specular=prepared.plan.has_specular,
+                has_passing=prepared.plan.has_passing,
+                lobe_kinds=prepared.lobe_kinds,
+            )
+            dr.eval(gbuffer)
         film = FilmSample(width, number)
         light = gather_light(prepared, gbuffer, volume, config, clock, film)
         _accumulate(sums, gbuffer, light, pixel, config.samples_per_pixel)

@@ -188,6 +188,6 @@ def test_noise_of_pixels_and_filter_are_replaced(monkeypatch: pytest.MonkeyPatch
         specular_filter=SpecularFilterConfig(kind="bilateral"),
     )
     monkeypatch.setitem(PRESETS, "medium", talk)
-    config = plugin().config
+    config = plugin().config  # type: ignore[attr-defined]  # of our class, not of the base
     assert config.specular.noise == "random"
     assert config.specular_filter.kind == "none"

@@ -43,14 +43,13 @@ def list_lobe_kinds(bsdfs: Iterable[mi.BSDF]) -> mi.UInt32 | None:
         BSDFs of a scene. Numbers are those of Mitsuba's registry; those of other BSDFs read
         `NO_TABLE`, or lie behind the end.
     """
-    found = {}
+    found: dict[int, int] = {}
     for bsdf in bsdfs:
         pointer = mi.BSDFPtr(bsdf)
-        number = mi.UInt32(dr.reinterpret_array(mi.UInt32, pointer))  # type: ignore[arg-type]  # untyped
+        number = mi.UInt32(dr.reinterpret_array(mi.UInt32, pointer))
         found[int(number[0])] = lobe_table(bsdf)
     if all(kind == NO_TABLE for kind in found.values()):
         return None
     kinds = np.full(max(found) + 1, NO_TABLE, dtype=np.uint32)
-    for number, kind in found.items():
-        kinds[number] = kind
+    kinds[list(found)] = list(found.values())
     return mi.UInt32(kinds)

@@ -7,8 +7,8 @@ axis of a cone, and the length of that mean its aperture (moment matching,
 `vctgi.maths.cones.aperture_from_mean_cosine`).
 
 For isotropic GGX and Beckmann lobes of known roughness a cone without noise stands in a table, and
-the lobe's long tail does not widen it (`vctgi.maths.lobes`). An anisotropic lobe is always measured,
-and approximated by one round cone.
+the lobe's long tail does not widen it (`vctgi.maths.lobes`). An anisotropic lobe is measured, and
+approximated by one round cone.
 """
 
 from __future__ import annotations
@@ -267,7 +267,7 @@ def _fitted_cone(
     active: mi.Bool,
 ) -> _FittedCone:
     """Read the cone of each point's lobe from the table of its distribution."""
-    number = mi.UInt32(dr.reinterpret_array(mi.UInt32, bsdf))  # type: ignore[arg-type]  # untyped
+    number = mi.UInt32(dr.reinterpret_array(mi.UInt32, bsdf))
     active &= number < dr.width(lobe_kinds)
     kind = dr.gather(mi.UInt32, lobe_kinds, number, active)
     active &= kind < len(TABLES)

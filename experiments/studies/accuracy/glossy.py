@@ -15,11 +15,14 @@ from experiments.studies.check import StudyContext
 from metrics.luminance import luminance
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.cones import ratio_from_aperture
-from vctgi.maths.directions import offset_from_surface
-from vctgi.pipeline import PreparedScene, gather_specular, trace_pixels
+from vctgi.maths.directions import kronecker_points, offset_from_surface
+from vctgi.maths.stub_gaps import as_component
+from vctgi.pipeline import PreparedScene
 from vctgi.scene.extent import half_extent
 from vctgi.scene.records import FilmSample, GBuffer
+from vctgi.specular_pipeline import gather_specular
 from vctgi.stages.cone_tracing.march import ConeMarchConfig
+from vctgi.stages.gbuffer import trace_gbuffer
 
 EDGE = (160, 96)
 """Pixels along an edge, in the whole study and in the quick one."""
@@ -47,15 +50,32 @@ class GlossyView:
         """Light [row, column, rgb] that specular lobes reflect, a mean of samples a pixel."""
         total = np.zeros((self.edge, self.edge, 3))
         for number in range(sample_count):
-            gbuffer = trace_pixels(self.prepared, config, number)
+            gbuffer = self.gbuffer(config, number)
             film = FilmSample(self.edge, number)
-            found = gather_specular(self.prepared, gbuffer, self.volume, config, film=film)
+            plan = self.prepared.plan
+            found = gather_specular(plan, gbuffer, self.volume, config, film=film)
             total += np.array(found, dtype=np.float64).T.reshape(total.shape)
         return total / sample_count
 
-    def gbuffer(self) -> GBuffer:
-        """Return the first sample of each pixel."""
-        return trace_pixels(self.prepared, self.config, 0)
+    def gbuffer(self, config: vctgi.RenderConfig, number: int = 0) -> GBuffer:
+        """Return what one ray through each pixel meets."""
+        pixel = dr.arange(mi.UInt32, self.edge**2)
+        place = mi.Point2f(pixel % self.edge, pixel // self.edge)
+        place += kronecker_points(dr.opaque(mi.UInt32, number))
+        ray, _ = self.prepared.sensor.sample_ray_differential(
+            as_component(0.0), as_component(0.5), place / self.edge, mi.Point2f(0.5)
+        )
+        gbuffer = trace_gbuffer(
+            self.prepared.scene,
+            ray,
+            pixel + mi.UInt32(number * self.edge**2),
+            config.gbuffer,
+            has_specular=True,
+            has_passing=False,
+            lobe_kinds=self.prepared.lobe_kinds,
+        )
+        dr.eval(gbuffer)
+        return gbuffer
 
     def cycles(self, march: ConeMarchConfig) -> tuple[np.ndarray, np.ndarray]:
         """Return steps of the march to what each pixel's cone sees, and where bands can be told.
@@ -65,7 +85,7 @@ class GlossyView:
         tuple
             Steps [row, column], a real number; a mask: glossy, and nothing else next to it.
         """
-        gbuffer = self.gbuffer()
+        gbuffer = self.gbuffer(self.config)
         origin = offset_from_surface(
             gbuffer.position, gbuffer.normal, half_extent(self.prepared.scene)
         )

@@ -131,7 +131,7 @@ def _sampling_noise(context: StudyContext, alpha: float) -> Measured:
     """Root mean square of neighbours' relative difference: pixels next to each other see alike."""
     view = glossy_view(context, alpha)
     config = replace(view.config, gbuffer=GBufferConfig(lobe_cones="sampled"))
-    sampled = replace(view, config=config).gbuffer()
+    sampled = view.gbuffer(config)
     is_glossy = np.array(sampled.is_valid & (dr.max(sampled.specular_albedo) > 0.0))
     aperture = np.where(is_glossy, np.array(sampled.specular_aperture), np.nan)
     rows = aperture.reshape(view.edge, view.edge)

@@ -42,6 +42,6 @@ def test_list_is_by_number_of_the_bsdf() -> None:
     bsdfs = [mi.load_dict({"type": kind}) for kind in ("diffuse", "roughconductor")]
     kinds = list_lobe_kinds(bsdfs)
     assert kinds is not None
-    number = mi.UInt32(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdfs[1])))  # type: ignore[arg-type]  # untyped
+    number = mi.UInt32(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdfs[1])))
     assert dr.gather(mi.UInt32, kinds, number)[0] == TABLES.index(("beckmann", False))
     assert list_lobe_kinds(bsdfs[:1]) is None

@@ -166,7 +166,8 @@ def _likeness(
     normal_width, plane_width, axis_width, roughness_width = widths
     way = mi.Vector3f(there.position - here.position)
     distance = dr.norm(way)
-    off_plane = dr.maximum(dr.abs(dr.dot(way, here.normal)), dr.abs(dr.dot(way, there.normal)))
+    rise_here, rise_there = (mi.Float(dr.dot(way, each.normal)) for each in (here, there))
+    off_plane = dr.maximum(dr.abs(rise_here), dr.abs(rise_there))
     sine = dr.select(distance > 0.0, off_plane / dr.select(distance > 0.0, distance, 1.0), 0.0)
     narrower = dr.minimum(here.aperture, there.aperture)
     exponent = (
