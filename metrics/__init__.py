@@ -6,6 +6,9 @@ each is also a function of its own.
 
 from __future__ import annotations
 
+from metrics.banding import phase_spread as phase_spread
+from metrics.banding import structured_power as structured_power
+from metrics.banding import structured_share as structured_share
 from metrics.colour_difference import delta_e_2000 as delta_e_2000
 from metrics.colour_difference import delta_e_itp as delta_e_itp
 from metrics.confidence import Estimate as Estimate

@@ -18,6 +18,7 @@ from vctgi.stages.downsampling import DownsamplingConfig
 from vctgi.stages.gbuffer import GBufferConfig
 from vctgi.stages.light_injection import LightInjectionConfig
 from vctgi.stages.reconstruction.config import ReconstructionConfig
+from vctgi.stages.reconstruction.denoising import SpecularFilterConfig
 from vctgi.stages.reconstruction.temporal import TemporalConfig
 from vctgi.stages.reflective_shadow_map import ReflectiveShadowMapConfig
 from vctgi.stages.slot_surfaces.slots import SlotSurfacesConfig
@@ -69,6 +70,8 @@ class RenderConfig:
     """How many pixels trace diffuse or ambient cones."""
     temporal: TemporalConfig = field(default_factory=TemporalConfig)
     """How `vctgi.accumulate_frame` blends frames; a frame by itself knows no other."""
+    specular_filter: SpecularFilterConfig = field(default_factory=SpecularFilterConfig)
+    """Filter of what specular cones see."""
     samples_per_pixel: int = 4
     """Camera rays a pixel, >= 1. Each has cones of its own, or takes the diffuse light of the
     traced pixels around it."""

@@ -17,11 +17,11 @@ from vctgi.config import RenderConfig
 from vctgi.maths.directions import TEA_ROUNDS, kronecker_points, random_unit
 from vctgi.maths.stub_gaps import as_bits, as_component
 from vctgi.prepared import PreparedScene, StageClock, no_clock
-from vctgi.scene.records import GBuffer
+from vctgi.scene.records import FilmSample, GBuffer
+from vctgi.specular_pipeline import gather_specular
 from vctgi.stages.composite import IndirectLight, composite
 from vctgi.stages.cone_tracing.ambient import trace_ambient
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
-from vctgi.stages.cone_tracing.specular import trace_specular
 from vctgi.stages.gbuffer import trace_gbuffer
 from vctgi.stages.reconstruction.interpolation import Gather, interpolate, refine, trace_sparse
 from vctgi.stages.reconstruction.sparse_pixels import SparseGrid
@@ -105,6 +105,7 @@ def render_frame(
                 config.gbuffer,
                 has_specular=prepared.plan.has_specular,
                 has_passing=prepared.plan.has_passing,
+                lobe_kinds=prepared.lobe_kinds,
             )
             dr.eval(gbuffer)
         if number == 0:
@@ -123,7 +124,8 @@ def render_frame(
         if is_ambient:
             sample = _ambient_sample(gbuffer, incident)
         else:
-            light = gather_light(prepared, gbuffer, volume, config, clock, incident)
+            film = FilmSample(width, number)
+            light = gather_light(prepared, gbuffer, volume, config, clock, incident, film)
             sample = _light_sample(gbuffer, light)
         _accumulate(sums, sample, count)
     tensors = _tensors({**sums, **first}, width, height)
@@ -147,6 +149,7 @@ def gather_light(
     config: RenderConfig,
     clock: StageClock = no_clock,
     incident: mi.Color3f | None = None,
+    film: FilmSample | None = None,
 ) -> IndirectLight:
     """Trace the cones of visible points and put their light together.
 
@@ -156,6 +159,9 @@ def gather_light(
         Scene, visible points, lit voxels, cones, and what times the stages.
     incident
         E / pi at the points; None traces their diffuse cones.
+    film
+        Says that the points are pixels; without it nothing can be filtered, and noise that is bound
+        to pixels is refused.
     """
     plan = prepared.plan
     if incident is None:
@@ -163,14 +169,8 @@ def gather_light(
     specular = None
     if plan.has_specular or plan.has_passing:
         with clock("specular cones"):
-            specular = trace_specular(
-                gbuffer,
-                volume,
-                config.specular,
-                has_specular=plan.has_specular,
-                has_passing=plan.has_passing,
-                sky=prepared.sky if plan.has_sky_in_cones else None,
-            )
+            sky = prepared.sky if plan.has_sky_in_cones else None
+            specular = gather_specular(plan, gbuffer, volume, config, sky, film)
             dr.eval(specular)
     with clock("composite"):
         light = composite(gbuffer, incident, specular)

@@ -90,10 +90,15 @@ def _config_from_properties(props: mi.Properties) -> tuple[str, RenderConfig]:
     cone_count = int(get("cone_count", config.diffuse.cone_count))
     scale = float(get("aperture_scale", config.diffuse.aperture_scale))
     scattering_count = int(get("scattering_count", config.scattering_count))
+    specular = config.specular
+    if specular.noise == "blue":
+        specular = replace(specular, noise="random")
     return name, replace(
         config,
         reconstruction=replace(config.reconstruction, sparsity=1),
         scattering_count=scattering_count,
+        specular=specular,
+        specular_filter=replace(config.specular_filter, kind="none"),
         clipmap=replace(config.clipmap, resolution=resolution),
         diffuse=replace(config.diffuse, cone_count=cone_count, aperture_scale=scale),
     )
@@ -108,6 +113,9 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
         Properties: `preset` (one of the named presets, default high), and overrides of it:
         `resolution`, `cone_count`, `aperture_scale`, `scattering_count` (surface scatterings
         between emitter and eye, default 2: one bounce); `hide_emitters` as in `direct`.
+        Mitsuba hands over rays without their pixels and puts the film together itself. So phases
+        of specular cones are random for every sample where the preset binds them to pixels, and
+        the specular filter is left out: many samples a pixel do its work.
         Does not: media, polarisation, sparse pixels.
         """
 
@@ -157,6 +165,7 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
                 has_specular=plan.has_specular,
                 has_passing=plan.has_passing,
                 active=mi.Bool(active),
+                lobe_kinds=self.prepared.lobe_kinds,
             )
             dr.eval(gbuffer)
             normal = dr.select(gbuffer.is_valid, gbuffer.normal, 0.0)

@@ -34,6 +34,7 @@ from vctgi.prepared import no_clock as no_clock
 from vctgi.scene.emissive import list_emissive_surfaces
 from vctgi.scene.light_checks import check_lights
 from vctgi.scene.lights import list_lights
+from vctgi.scene.lobe_kinds import list_lobe_kinds
 from vctgi.scene.materials import describe_material
 from vctgi.scene.sky import prefilter_sky
 from vctgi.scene.surfaces import VoxelSurfaces, select_surfaces
@@ -117,7 +118,8 @@ def prepare_scene(
     if plan.has_sky_in_cones or plan.has_sky_by_cones:
         with clock("sky"):
             sky = prefilter_sky(scene.environment(), config.sky)
-    return PreparedScene(scene, sensor, triangles, materials, surfaces, plan, sky)
+    kinds = list_lobe_kinds(triangles.bsdfs) if plan.has_specular else None
+    return PreparedScene(scene, sensor, triangles, materials, surfaces, plan, sky, kinds)
 
 
 def voxelize_scene(

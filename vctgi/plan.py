@@ -114,6 +114,7 @@ def plan_render(
             else "no material has a glossy or mirror lobe",
             saved="" if glossy else "one cone a pixel and the measuring of lobes",
         ),
+        *_anisotropy_entries(materials),
         PlanEntry(
             item="cones through masks and thin glass",
             kept=bool(passing),
@@ -157,6 +158,21 @@ def _ambient_plan(layout: ClipmapLayout, entries: list[PlanEntry]) -> Plan:
         bounce_count=0,
         entries=tuple(entries),
     )
+
+
+def _anisotropy_entries(materials: list[Material]) -> list[PlanEntry]:
+    """Say that lobes of anisotropic roughness are not what they are."""
+    kinds = sorted({m.kind for m in materials if m.is_anisotropic})
+    if not kinds:
+        return []
+    return [
+        PlanEntry(
+            item="anisotropic lobes",
+            kept=False,
+            reason="approximated by round cones of the same mean direction: " + ", ".join(kinds),
+            saved="cones that are wider one way than across",
+        )
+    ]
 
 
 def _emission_entry(config: RenderConfig) -> PlanEntry:

@@ -41,6 +41,8 @@ class PreparedScene:
         What is run and what is left out.
     sky
         The environment for cones, if any of them see it.
+    lobe_kinds
+        Which BSDFs have their lobes' cones in a table, if any has.
     """
 
     scene: mi.Scene
@@ -50,3 +52,4 @@ class PreparedScene:
     surfaces: VoxelSurfaces
     plan: Plan
     sky: PrefilteredSky | None = None
+    lobe_kinds: mi.UInt32 | None = None

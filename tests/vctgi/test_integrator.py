@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import mitsuba as mi
@@ -13,6 +14,8 @@ import vctgi
 from tests.vctgi.small_scenes import area_light, camera, diffuse, load, room
 from vctgi.config import PRESETS
 from vctgi.integrator import AMBIENT_AOV_NAMES, AOV_NAMES, SUPPORTED_VARIANTS, known_presets
+from vctgi.stages.cone_tracing.specular import SpecularConesConfig
+from vctgi.stages.reconstruction.denoising import SpecularFilterConfig
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -196,3 +199,15 @@ def test_unsupported_variant_is_refused(unsupported_variant: str) -> None:
 
 def test_supported_variants_are_the_ones_that_design_promises() -> None:
     assert SUPPORTED_VARIANTS == ("llvm_ad_rgb", "cuda_ad_rgb")
+
+
+def test_noise_of_pixels_and_filter_are_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    talk = replace(
+        PRESETS["medium"],
+        specular=SpecularConesConfig(noise="blue"),
+        specular_filter=SpecularFilterConfig(kind="bilateral"),
+    )
+    monkeypatch.setitem(PRESETS, "medium", talk)
+    config = plugin().config  # type: ignore[attr-defined]  # of our class, not of the base
+    assert config.specular.noise == "random"
+    assert config.specular_filter.kind == "none"

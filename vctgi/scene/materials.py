@@ -51,6 +51,8 @@ class Material:
         Whether it has a diffuse reflection; glossy or mirror-like reflection.
     has_null
         Whether light passes it undeflected (mask, thin dielectric).
+    is_anisotropic
+        Whether it has a glossy lobe that may be wider in one direction than across.
     is_known
         Whether the contribution is stated for its class.
     """
@@ -62,12 +64,13 @@ class Material:
     has_specular: bool
     has_null: bool
     is_known: bool
+    is_anisotropic: bool = False
 
 
 def describe_material(bsdf: mi.BSDF) -> Material:
     """Return which lobes a BSDF has and what it contributes."""
     flags = bsdf.flags()
-    nested = _inside_two_sided(bsdf)
+    nested = inside_two_sided(bsdf)
     kind = nested.class_name()
     return Material(
         kind=kind,
@@ -77,6 +80,7 @@ def describe_material(bsdf: mi.BSDF) -> Material:
         has_specular=_has(flags, "GlossyReflection") or _has(flags, "DeltaReflection"),
         has_null=_has(flags, "Null"),
         is_known=kind in CONTRIBUTIONS,
+        is_anisotropic=_has(flags, "GlossyReflection") and _has(flags, "Anisotropic"),
     )
 
 
@@ -84,7 +88,7 @@ def _has(flags: int, name: str) -> bool:
     return bool(int(flags) & int(getattr(mi.BSDFFlags, name)))
 
 
-def _inside_two_sided(bsdf: mi.BSDF) -> mi.BSDF:
+def inside_two_sided(bsdf: mi.BSDF) -> mi.BSDF:
     """Return the BSDF within two-sided adapters."""
     if bsdf.class_name() != "TwoSidedBRDF":
         return bsdf

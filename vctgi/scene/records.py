@@ -90,3 +90,19 @@ class GBuffer:
     specular_axis: mi.Vector3f
     specular_aperture: mi.Float
     passed: mi.Color3f
+
+
+@dataclass(frozen=True)
+class FilmSample:
+    """Says that lanes are pixels, in rows from the top left one.
+
+    Attributes
+    ----------
+    width
+        Pixels in a row.
+    number
+        Which sample of each pixel it is, from 0.
+    """
+
+    width: int
+    number: int = 0

@@ -5,19 +5,28 @@ A sample's weight holds the light of all lobes, so it is shared out by their val
 direction. The diffuse shares make the diffuse albedo; of the others the mean direction gives the
 axis of a cone, and the length of that mean its aperture (moment matching,
 `vctgi.maths.cones.aperture_from_mean_cosine`).
+
+For isotropic GGX and Beckmann lobes of known roughness a cone without noise stands in a table, and
+the lobe's long tail does not widen it (`vctgi.maths.lobes`). An anisotropic lobe is measured, and
+approximated by one round cone.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import drjit as dr
 import mitsuba as mi
 
 from vctgi.maths.cones import aperture_from_mean_cosine
-from vctgi.maths.directions import face_forward, random_unit
+from vctgi.maths.directions import face_forward, kronecker_points, random_unit
+from vctgi.maths.lobes import TABLES, read_lobe_cone
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.records import GBuffer
+
+LobeCones = Literal["sampled", "fitted"]
+"""Where cones of lobes come from: samples of the BSDF, or its table where it has one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,9 +35,17 @@ class GBufferConfig:
 
     lobe_sample_count: int = 16
     """BSDF samples for each point of a surface that is not plainly diffuse, >= 1."""
+    lobe_cones: LobeCones = "fitted"
+    """ "sampled", or "fitted": isotropic GGX and Beckmann lobes of rough conductors and plastics
+    take their cone from a table; the others are sampled all the same."""
 
     def __post_init__(self) -> None:
         """Refuse to measure nothing."""
+        if self.lobe_cones not in get_args(LobeCones):
+            raise ValueError(
+                f"GBufferConfig.lobe_cones must be one of {get_args(LobeCones)}, "
+                f"got {self.lobe_cones!r}."
+            )
         if self.lobe_sample_count < 1:
             raise ValueError(
                 f"GBufferConfig.lobe_sample_count must be >= 1, got {self.lobe_sample_count}."
@@ -44,6 +61,7 @@ def trace_gbuffer(
     has_specular: bool,
     has_passing: bool,
     active: bool | mi.Bool = True,
+    lobe_kinds: mi.UInt32 | None = None,
 ) -> GBuffer:
     """Trace camera rays to their first surface.
 
@@ -61,6 +79,8 @@ def trace_gbuffer(
         Whether any BSDF of the scene has such lobes; code for lobes that none has is left out.
     active
         Lanes to trace.
+    lobe_kinds
+        Which table each BSDF's lobe has (`vctgi.scene.lobe_kinds`); None: none has one.
     """
     si = scene.ray_intersect(ray, int(mi.RayFlags.All), as_mask(False), as_mask(active))
     is_valid = si.is_valid()
@@ -78,6 +98,11 @@ def trace_gbuffer(
     )
     normal = face_forward(mi.Vector3f(si.sh_frame.n), -ray.d)
     axis, aperture = _cone_of_lobe(si, normal, ray.d, lobes.moment, lobes.moment_weight)
+    if config.lobe_cones == "fitted" and lobe_kinds is not None:
+        has_lobe = mi.Bool(is_valid) & (lobes.moment_weight > 0.0)
+        fitted = _fitted_cone(si, bsdf, normal, lobe_kinds, has_lobe)
+        axis = dr.select(fitted.is_known, fitted.axis, axis)
+        aperture = dr.select(fitted.is_known, fitted.aperture, aperture)
     return GBuffer(
         sample_index=sample_index,
         is_valid=mi.Bool(is_valid),
@@ -146,9 +171,11 @@ def _sample_lobes(
     active: mi.Bool,
 ) -> _Lobes:
     """Take one of `sample_count` samples and sort it by the lobe that it took."""
-    stream = 3 * mi.UInt32(number)
-    lobe = (mi.Float(number) + random_unit(sample_index, stream)) / sample_count
-    point = mi.Point2f(random_unit(sample_index, stream + 1), random_unit(sample_index, stream + 2))
+    # The points of a sequence, moved as one: what they measure hardly differs between pixels.
+    lobe = (mi.Float(number) + random_unit(sample_index, 0)) / sample_count
+    place = kronecker_points(mi.UInt32(number))
+    place += mi.Point2f(random_unit(sample_index, 1), random_unit(sample_index, 2))
+    point = place - dr.floor(place)
     sample, raw = bsdf.sample(mi.BSDFContext(), si, as_component(lobe), point, as_mask(active))
     is_used = active & (sample.pdf > 0.0)
     weight = dr.select(is_used, mi.Color3f(raw), 0.0) / sample_count
@@ -221,3 +248,37 @@ def _cone_of_lobe(
     )
     aperture = dr.select(is_directed, aperture_from_mean_cosine(dr.minimum(length, 1.0)), 0.0)
     return dr.normalize(axis), aperture
+
+
+@dataclass
+class _FittedCone:
+    """Cones out of the tables, where the BSDF has one."""
+
+    is_known: mi.Bool
+    axis: mi.Vector3f
+    aperture: mi.Float
+
+
+def _fitted_cone(
+    si: mi.SurfaceInteraction3f,
+    bsdf: mi.BSDFPtr,
+    normal: mi.Vector3f,
+    lobe_kinds: mi.UInt32,
+    active: mi.Bool,
+) -> _FittedCone:
+    """Read the cone of each point's lobe from the table of its distribution."""
+    number = mi.UInt32(dr.reinterpret_array(mi.UInt32, bsdf))
+    active &= number < dr.width(lobe_kinds)
+    kind = dr.gather(mi.UInt32, lobe_kinds, number, active)
+    active &= kind < len(TABLES)
+    alpha = mi.Float(bsdf.eval_attribute_1("alpha", si, as_mask(active)))
+    to_viewer = mi.Vector3f(si.to_world(si.wi))
+    cosine = dr.dot(to_viewer, normal)
+    aperture, tilt = read_lobe_cone(dr.select(active, kind, 0), alpha, mi.Float(cosine))
+    across = as_component(cosine) * normal - to_viewer
+    length = dr.norm(across)
+    # Seen straight on, every plane is one of incidence, and the tilt is zero.
+    across = dr.select(length > 0.0, across / dr.select(length > 0.0, length, 1.0), 0.0)
+    sine, cosine_of_tilt = dr.sincos(tilt)
+    axis = as_component(cosine_of_tilt) * normal + as_component(sine) * across
+    return _FittedCone(active, dr.normalize(axis), aperture)

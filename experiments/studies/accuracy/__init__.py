@@ -5,10 +5,10 @@ The study is the sum of its parts, one module each.
 
 from __future__ import annotations
 
-from experiments.studies.accuracy import clipmap, presets, sparse, table
+from experiments.studies.accuracy import clipmap, presets, sparse, specular, table
 from experiments.studies.check import Check
 
-PARTS = [table.checks, clipmap.checks, sparse.checks, presets.checks]
+PARTS = [table.checks, clipmap.checks, sparse.checks, presets.checks, specular.checks]
 """What is measured, in the order of the table."""
 
 

@@ -1,3 +1,3 @@
-"""From gathered light to whole pictures: fewer traced pixels, filled in; frames accumulated."""
+"""From gathered light to pictures: sparse pixels filled in, noise filtered, frames blended."""
 
 from __future__ import annotations

@@ -1,0 +1,75 @@
+"""The order of the stages that specular light takes: cones, filter, surfaces."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+from vctgi.clipmap.storage import VoxelVolume
+from vctgi.config import RenderConfig
+from vctgi.plan import Plan
+from vctgi.scene.records import FilmSample, GBuffer
+from vctgi.scene.sky import PrefilteredSky
+from vctgi.stages.cone_tracing.specular import trace_specular
+from vctgi.stages.reconstruction.denoising import filter_specular
+
+
+def gather_specular(
+    plan: Plan,
+    gbuffer: GBuffer,
+    volume: VoxelVolume,
+    config: RenderConfig,
+    sky: PrefilteredSky | None = None,
+    film: FilmSample | None = None,
+) -> mi.Color3f:
+    """Trace the specular cones of visible points, filter them, and weigh them with the surfaces.
+
+    Parameters
+    ----------
+    plan
+        Which cones the scene needs.
+    gbuffer
+        Visible points.
+    volume
+        Lit voxels.
+    config
+        Cones and filter.
+    sky
+        What cones see beyond the voxels; None: darkness.
+    film
+        Where the points lie in the picture, if they are pixels.
+
+    Returns
+    -------
+    mi.Color3f
+        Radiance towards the viewer, W m^-2 sr^-1.
+
+    Raises
+    ------
+    ValueError
+        A filter, or blue noise, for points that are not pixels.
+    """
+    light = trace_specular(
+        gbuffer,
+        volume,
+        config.specular,
+        has_specular=plan.has_specular,
+        has_passing=plan.has_passing,
+        sky=sky,
+        film=film,
+    )
+    if plan.has_specular and config.specular_filter.kind != "none":
+        if film is None:
+            raise ValueError(
+                "gather_specular: only pixels have neighbours to filter with: pass `film`, or set "
+                'RenderConfig.specular_filter.kind to "none".'
+            )
+        dr.eval(light)
+        light.reflected = filter_specular(
+            light.reflected,
+            gbuffer,
+            film.width,
+            config.specular.min_aperture,
+            config.specular_filter,
+        )
+    return light.towards_viewer(gbuffer)
