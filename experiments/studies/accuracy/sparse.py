@@ -1,9 +1,10 @@
 """What tracing fewer pixels changes: sparse diffuse light against dense.
 
 A frame of few cones is noisy, dense or sparse, so the truth is the mean of many dense frames: what
-is measured is all that a sparse frame has wrong beside it, noise and interpolation together. All look
-through the same places of each pixel, so that edges and textures are the same. The dense frame of as many rays stands beside it, whose difference is noise alone. The truth's own noise
-is known from its two halves, and taken out in quadrature, which is right for normal errors.
+is measured is all that a sparse frame has wrong beside it, noise and interpolation together. All
+look through the same places of each pixel, so that edges and textures are the same. The dense frame
+of as many rays stands beside it, whose difference is noise alone. The truth's own noise is known
+from its two halves, and taken out in quadrature, which is right for normal errors.
 """
 
 from __future__ import annotations
