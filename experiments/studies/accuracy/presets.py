@@ -1,7 +1,10 @@
 """Whether quality rises from preset to preset, on every scene.
 
 Each step up has to lower the error of the whole indirect light against the path tracer. What is
-reported is the relative MSE of each preset, and its ratio to that of the preset below.
+reported is the relative MSE and FLIP of each preset, and their ratio to those of the preset below.
+
+On the glossy floor the relative MSE does not fall from "medium" to "high": its darkest pixels
+decide it, and what is wrong in them grows with the resolution of the voxels, not with the sparsity.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """What tracing fewer pixels changes: sparse diffuse light against dense.
 
 A frame of few cones is noisy, dense or sparse, so the truth is the mean of many dense frames: what
-is measured is all that a sparse frame has wrong beside it, noise and interpolation together. The
-dense frame of as many rays stands beside it, whose difference is noise alone. The truth's own noise
-is known from its two halves, and taken out in quadrature, which is right for normal errors.
+is measured is all that a sparse frame has wrong beside it, noise and interpolation together. All
+look through the same places of each pixel, so that edges and textures are the same. The dense frame
+of as many rays stands beside it, whose difference is noise alone. The truth's own noise is known
+from its two halves, and taken out in quadrature, which is right for normal errors.
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ LARGEST_REFINED = 0.05
 """Share of the camera rays that may have to trace for themselves in the Cornell box."""
 
 EDGE = (256, 192)
-TRUTH_SAMPLES = (32, 12)
+TRUTH_FRAMES = (8, 3)
 SEEDS = (4, 2)
-"""Picture in pixels, rays a pixel of each half of the dense truth, and frames that are compared
+"""Picture in pixels, dense frames in each half of the truth, and frames that are compared
 with it, in the whole study and in the quick one."""
 
 
@@ -97,19 +98,19 @@ def _frames(context: StudyContext, sparsity: int) -> _Found:
     def prepare() -> _Truth:
         name = context.scene or "cornell_box"
         loaded = load_scene(name, resolution=EDGE[context.quick])
-        config = replace(sparse_config(1), samples_per_pixel=TRUTH_SAMPLES[context.quick])
+        config = sparse_config(1)
         sensor = loaded.scene.sensors()[loaded.sensor_index]
         prepared = vctgi.prepare_scene(loaded.scene, sensor, config)
         lit = vctgi.light_volume(prepared, config)
-        context.progress("many dense frames", 0.0)
         # Seeds of their own, so that no frame is part of its own truth.
-        first, second = (
-            np.array(
-                vctgi.render_frame(prepared, lit.volume, config, seed=seed).indirect_diffuse,
-                dtype=np.float64,
-            )
-            for seed in (1000, 1001)
-        )
+        width, height = (int(n) for n in sensor.film().crop_size())
+        halves = np.zeros((2, height, width, 3))
+        count = TRUTH_FRAMES[context.quick]
+        for number in range(2 * count):
+            context.progress("many dense frames", number / (2 * count))
+            frame = vctgi.render_frame(prepared, lit.volume, config, seed=1000 + number)
+            halves[number % 2] += np.array(frame.indirect_diffuse, dtype=np.float64) / count
+        first, second = halves
         return _Truth(prepared, lit, 0.5 * (first + second), _share(0.5 * (first - second), first))
 
     def compare() -> _Found:
