@@ -23,7 +23,7 @@ from experiments.scenes import load_scene
 from experiments.studies.check import Check, Measured, StudyContext, mean_of
 from vctgi.pipeline import Frame, LitVolume, PreparedScene
 
-Measure = Callable[[StudyContext, int], Measured]
+Measure = Callable[..., Measured]
 
 LIMITS = {1: None, 4: 0.02, 9: 0.03, 16: 0.05}
 """Mean relative difference from dense light that is allowed, by the sparsity."""
