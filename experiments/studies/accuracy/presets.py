@@ -4,9 +4,9 @@ Each step up has to lower the error of the whole indirect light against the path
 reported is the relative MSE and FLIP of each preset, and their ratio to those of the preset below.
 
 On the glossy floor the relative MSE does not fall from "medium" to "high", and is not asked to. A
-voxel sends out what a glossy surface reflects alike in all directions, so the box and the ball there
-are lit by the mirroring floor as if it were diffuse: four fifths of the error lie on them. "medium",
-which loses a tenth of all light, hides a part of that. FLIP falls there as everywhere.
+voxel sends out what a glossy surface reflects alike in all directions, so the box and the ball
+there are lit by the mirroring floor as if it were diffuse: four fifths of the error lie on them.
+"medium", which loses a tenth of all light, hides a part of that. FLIP falls there as everywhere.
 """
 
 from __future__ import annotations
