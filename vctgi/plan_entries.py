@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vctgi.config import RenderConfig
+from vctgi.scene.materials import Material
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,3 +56,82 @@ def sparse_entry(config: RenderConfig) -> PlanEntry:
         "interpolate or, where they find no neighbour, trace too",
         saved=f"up to {share:.1%} of these cones",
     )
+
+
+def anisotropy_entries(materials: list[Material]) -> list[PlanEntry]:
+    """Say that lobes of anisotropic roughness are not what they are."""
+    kinds = sorted({m.kind for m in materials if m.is_anisotropic})
+    if not kinds:
+        return []
+    return [
+        PlanEntry(
+            item="anisotropic lobes",
+            kept=False,
+            reason="approximated by round cones of the same mean direction: " + ", ".join(kinds),
+            saved="cones that are wider one way than across",
+        )
+    ]
+
+
+def emission_entry(config: RenderConfig) -> PlanEntry:
+    """Say whether emitters shine from voxels too."""
+    item = "emission in voxels"
+    if config.emission_in_voxels:
+        return PlanEntry(item=item, kept=True, reason="asked for by emission_in_voxels")
+    return PlanEntry(
+        item=item,
+        kept=False,
+        reason="light straight from an emitter is direct light, which Mitsuba renders",
+        saved="emittance voxelization",
+    )
+
+
+def bounce_entry(config: RenderConfig) -> PlanEntry:
+    """Say which bounces are traced, and when they stop."""
+    if config.bounce_count == 0:
+        return PlanEntry(
+            item="bounces from voxel to voxel",
+            kept=False,
+            reason=f"scattering_count = {config.scattering_count}: one bounce, from lit voxels to "
+            "the eye",
+            saved="cones of every voxel with a surface",
+        )
+    share = config.bounces.min_bounce_share
+    return PlanEntry(
+        item="bounces from voxel to voxel",
+        kept=True,
+        reason=f"scattering_count = {config.scattering_count}: up to {config.bounce_count}, "
+        f"stopping once one adds less than {share:g} of the flux before it",
+    )
+
+
+def sky_entries(config: RenderConfig, *, has_sky: bool) -> list[PlanEntry]:
+    """Say where the environment is looked up."""
+    if not has_sky:
+        reason = "the scene has no environment"
+    elif config.sky_in_cones:
+        reason = "asked for: the frame holds the direct light of the sky too"
+    else:
+        reason = "light straight from the sky is direct light, which Mitsuba renders"
+    is_seen = has_sky and config.sky_in_cones
+    entries = [
+        PlanEntry(
+            item="environment at the end of a cone",
+            kept=is_seen,
+            reason=reason,
+            saved="" if is_seen else "one lookup a cone",
+        )
+    ]
+    if has_sky:
+        is_kept = config.sky_lighting == "cones"
+        entries.append(
+            PlanEntry(
+                item="environment at the end of a voxel's cone",
+                kept=is_kept,
+                reason="lights the voxels in the place of a reflective shadow map"
+                if is_kept
+                else "a reflective shadow map of it lights the voxels",
+                saved="" if is_kept else "cones of every voxel with a surface",
+            )
+        )
+    return entries

@@ -7,6 +7,8 @@ axis within one voxel, count double where the cells of a grid would count them o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import drjit as dr
 import mitsuba as mi
 
@@ -37,32 +39,37 @@ def add_areas(
     triangles
         The triangles. A mask thins an area by the opaque share of what it covers of the face.
     """
+    plane = depth_plane(columns.view, columns)
+    add_weighed_areas([sums], [_opaque_share(columns, plane, triangles)], columns, table)
+
+
+def add_weighed_areas(
+    sums: Sequence[mi.Int64],
+    weights: Sequence[mi.Float64],
+    columns: Columns,
+    table: RegionTable,
+) -> None:
+    """Add areas as `add_areas` does, to each of several sums with a weight of its own [column]."""
     view = columns.view
-    plane = depth_plane(view, columns)
-    first, last = face_layers(view, table, plane, has_rim=True)
+    first, last = face_layers(view, table, depth_plane(view, columns), has_rim=True)
     thickness = mi.Float64(view.slot.thickness)
     is_upward = view.slot.behind > 0
     nudge = view.low_depth - dr.minimum(dr.minimum(view.depth[0], view.depth[1]), view.depth[2])
     depth = [corner + nudge for corner in view.depth]
     low_u, low_v = (mi.Float64(face * CELLS_PER_EDGE) for face in (columns.face_u, columns.face_v))
-    opaque_share = _opaque_share(columns, plane, triangles)
     word = face_word(columns, table)
 
     def body(layer: mi.Int32) -> tuple[mi.Int32]:
         low = mi.Float64(layer) - dr.select(is_upward, thickness, 0.0)
         high = mi.Float64(layer) + 1.0 + dr.select(is_upward, 0.0, thickness)
-        area = clipped_area(
-            view.u,
-            view.v,
-            depth,
-            (low_u, low_v, low),
-            (low_u + CELLS_PER_EDGE, low_v + CELLS_PER_EDGE, high),
-        )
-        amount = mi.Int64(dr.round(area * opaque_share * (UNIT / CELLS_PER_EDGE**2)))
-        # Direct: other modes compile the size of the target into the kernel.
-        dr.scatter_reduce(
-            dr.ReduceOp.Add, sums, amount, word(layer), amount > 0, dr.ReduceMode.Direct
-        )
+        corner = (low_u + CELLS_PER_EDGE, low_v + CELLS_PER_EDGE, high)
+        area = clipped_area(view.u, view.v, depth, (low_u, low_v, low), corner)
+        for weight, target in zip(weights, sums, strict=True):
+            amount = mi.Int64(dr.round(area * weight * (UNIT / CELLS_PER_EDGE**2)))
+            # Direct: other modes compile the size of the target into the kernel.
+            dr.scatter_reduce(
+                dr.ReduceOp.Add, target, amount, word(layer), amount > 0, dr.ReduceMode.Direct
+            )
         return (layer + 1,)
 
     dr.while_loop(
@@ -70,7 +77,7 @@ def add_areas(
         cond=lambda layer: layer <= last,
         body=body,
         labels=("layer",),
-        label="add_areas",
+        label="add_weighed_areas",
     )
 
 

@@ -25,18 +25,15 @@ from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.maths.stub_gaps import as_component
 from vctgi.scene.emissive import EmissiveSurfaces
-from vctgi.stages.voxelization.analytic import UNIT, add_areas
-from vctgi.stages.voxelization.cells import face_layers, face_word
+from vctgi.stages.voxelization.analytic import UNIT, add_areas, add_weighed_areas
 from vctgi.stages.voxelization.clipped_area import clipped_area
 from vctgi.stages.voxelization.columns import (
     CELLS_PER_EDGE,
     Columns,
-    RegionTable,
     Search,
     enumerate_columns,
     region_table,
 )
-from vctgi.stages.voxelization.depth_plane import depth_plane
 from vctgi.stages.voxelization.triangles import DeviceTriangles, upload_triangles
 
 
@@ -111,7 +108,8 @@ def _fill(
     light = [dr.zeros(mi.Int64, table.word_count) for _ in range(3)]
     for columns, radiance in zip(passes, radiances, strict=True):
         add_areas(areas, columns, table, triangles)
-        _add_light(light, columns, table, radiance / step)
+        weights = [mi.Float64((radiance / step)[channel]) for channel in range(3)]
+        add_weighed_areas(light, weights, columns, table)
         dr.eval(areas, light)
 
     count = count_voxels(boxes)
@@ -127,41 +125,6 @@ def _fill(
     dr.scatter(alphas[level.level], dr.maximum(held, share), index)
     dr.scatter(colors[level.level], color, index)
     dr.eval(alphas[level.level], colors[level.level])
-
-
-def _add_light(
-    sums: list[mi.Int64], columns: Columns, table: RegionTable, radiance: mi.Color3f
-) -> None:
-    """Add radiance times covered share to every voxel that triangles fill, as `add_areas` does."""
-    view = columns.view
-    first, last = face_layers(view, table, depth_plane(view, columns), has_rim=True)
-    thickness = mi.Float64(view.slot.thickness)
-    is_upward = view.slot.behind > 0
-    nudge = view.low_depth - dr.minimum(dr.minimum(view.depth[0], view.depth[1]), view.depth[2])
-    depth = [corner + nudge for corner in view.depth]
-    low_u, low_v = (mi.Float64(face * CELLS_PER_EDGE) for face in (columns.face_u, columns.face_v))
-    word = face_word(columns, table)
-    channels = [mi.Float64(radiance[channel]) for channel in range(3)]
-
-    def body(layer: mi.Int32) -> tuple[mi.Int32]:
-        low = mi.Float64(layer) - dr.select(is_upward, thickness, 0.0)
-        high = mi.Float64(layer) + 1.0 + dr.select(is_upward, 0.0, thickness)
-        corner = (low_u + CELLS_PER_EDGE, low_v + CELLS_PER_EDGE, high)
-        area = clipped_area(view.u, view.v, depth, (low_u, low_v, low), corner)
-        for channel, target in zip(channels, sums, strict=True):
-            amount = mi.Int64(dr.round(area * channel * (UNIT / CELLS_PER_EDGE**2)))
-            dr.scatter_reduce(
-                dr.ReduceOp.Add, target, amount, word(layer), amount > 0, dr.ReduceMode.Direct
-            )
-        return (layer + 1,)
-
-    dr.while_loop(
-        state=(first,),
-        cond=lambda layer: layer <= last,
-        body=body,
-        labels=("layer",),
-        label="add_light",
-    )
 
 
 def _mean_radiance(
