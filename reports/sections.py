@@ -69,8 +69,15 @@ class Pictures:
     """What is wrong with the pictures, a sentence each."""
 
 
-def read_pictures(record_path: Path, record: Record) -> Pictures:
+def read_pictures(record_path: Path, record: Record, *, is_brief: bool = False) -> Pictures:
     """Read every picture of a record that a page shows.
+
+    Parameters
+    ----------
+    record_path, record
+        The record and its file.
+    is_brief
+        Only check them; what is shown of them stands elsewhere on the page.
 
     Raises
     ------
@@ -78,6 +85,20 @@ def read_pictures(record_path: Path, record: Record) -> Pictures:
         When a picture is missing on disk, altered, or not readable (`load_image`).
     """
     linear = {name: load_image(record_path, record, name) for name in sorted(record.images)}
+    if is_brief:
+        return Pictures(
+            image=None,
+            reference=None,
+            thumbnail=None,
+            image_payload=None,
+            reference_payload=None,
+            error=None,
+            relative_scale=None,
+            flip=None,
+            components=[],
+            voxels=[],
+            faults=_faults(linear),
+        )
     exposure = record.display.exposure
     image, reference = linear.get("image"), linear.get("reference")
     flip = linear.get("flip")
