@@ -176,9 +176,7 @@ def render_cones(
 def count_samples(cones: ConeFrame, config: RenderConfig, options: RunOptions) -> FrameTally:
     """Render the frame once more and return what its cones read."""
     tally = FrameTally()
-    vctgi.render_frame(
-        cones.prepared, cones.lit.volume, config, seed=options.seed, tally=tally
-    )
+    vctgi.render_frame(cones.prepared, cones.lit.volume, config, seed=options.seed, tally=tally)
     return tally
 
 

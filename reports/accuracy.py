@@ -20,17 +20,16 @@ from reports.headline import (
     frame_seconds,
     interval_text,
     is_below_noise,
-    is_peer,
     number,
     ordered,
     samples_per_pixel,
 )
-from reports.methods import Comparison, compare, grouped, is_listed
+from reports.methods import Comparison, compare, detail_among, grouped, is_listed
 from reports.pictures import colour_stops
 from reports.plots import overview_svg, stage_time_svg
 from reports.record import read_record
 from reports.schema import MetricValue, Record
-from reports.sections import Pictures, read_pictures
+from reports.sections import Detail, Pictures, read_pictures
 from reports.voxel_colours import QUANTITIES
 
 
@@ -54,8 +53,8 @@ class Section:
     """Comparison that the record is part of; None where it is the only one of its scene."""
     is_listed: bool
     """Whether it is in the tables of all scenes."""
-    is_brief: bool
-    """Whether its pictures are shown in the comparison only."""
+    detail: Detail
+    """Which of its pictures are shown."""
     config: str
     """The configuration as indented JSON."""
     warnings: list[str]
@@ -144,8 +143,8 @@ def _section(
     comparison_key: str | None,
     group: Sequence[tuple[Path, Record]],
 ) -> Section:
-    is_brief = comparison_key is not None and is_peer(record)
-    pictures = read_pictures(path, record, is_brief=is_brief)
+    detail = detail_among(record, group)
+    pictures = read_pictures(path, record, detail)
     seconds = frame_seconds(record)
     reference = record.reference
     speed = reference.seconds / seconds if reference is not None and seconds else None
@@ -157,7 +156,7 @@ def _section(
         )
     if reference is None:
         warnings.append("No reference was recorded: nothing here says how wrong the picture is.")
-    has_chart = record.times and not is_brief
+    has_chart = record.times and detail != "none"
     chart = Markup(stage_time_svg(record.times, key=f"{key}-times")) if has_chart else None
     return Section(
         key=key,
@@ -170,7 +169,7 @@ def _section(
         samples=samples_per_pixel(record),
         comparison_key=comparison_key,
         is_listed=is_listed(record, group),
-        is_brief=is_brief,
+        detail=detail,
         config=json.dumps(record.config, indent=2, ensure_ascii=False),
         warnings=warnings,
     )

@@ -99,7 +99,7 @@ def frame_seconds(record: Record) -> float | None:
 
 
 def samples_per_pixel(record: Record) -> float | None:
-    """Samples of the voxels a pixel by all cones of a frame; None where they were not counted."""
+    """Return samples of the voxels a pixel, by all cones; None where they were not counted."""
     if record.cost is None:
         return None
     return record.cost.samples / (record.width * record.height)
@@ -125,14 +125,15 @@ def ordered(records: Mapping[Path, Record]) -> list[tuple[Path, Record]]:
     """
     places = {preset: place for place, preset in enumerate(PRESET_ORDER)}
 
-    def rank(entry: tuple[Path, Record]) -> tuple[str | int | bool, ...]:
+    def rank(entry: tuple[Path, Record]) -> tuple[object, ...]:
         record = entry[1]
         return (
             record.scene.name,
             record.method,
             is_peer(record),
             places.get(record.preset, len(places)),
-            record.preset,
+            # By parts, so that "peer:a:published" follows "peer:a" at once.
+            tuple(record.preset.split(":")),
             record.machine.backend,
             record.created,
             record.record_id,

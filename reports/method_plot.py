@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import log10
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from reports.headline import (
     HEADLINES,
@@ -34,7 +34,13 @@ LABEL_SIZE = 8.0
 ROOM = 0.08
 """Share of an axis that is left free at each end."""
 
+SHORT_DECADES = 2.5
+"""An axis shorter than this has a label at 1, 2 and 5 of each decade."""
+
 ERROR = next(each for each in HEADLINES if (each.key, each.component) == ("relmse", "indirect"))
+
+
+Measure = Callable[[Record], float | None]
 
 
 @dataclass(frozen=True)
@@ -99,9 +105,8 @@ def method_svg(records: Sequence[Record], *, key: str) -> str | None:
         return page_svg(figure, drawn, key)
 
 
-def _points(records: Sequence[Record], measure: object) -> list[_Point]:
-    """Records that a logarithmic chart can show."""
-    assert callable(measure)
+def _points(records: Sequence[Record], measure: Measure) -> list[_Point]:
+    """Return records that a logarithmic chart can show."""
     found = []
     for record in records:
         x, metric = measure(record), find_metric(record, ERROR)
@@ -140,16 +145,15 @@ def _draw(axes: Axes, points: Sequence[_Point]) -> None:
                 color=colour, linewidth=0.7, alpha=0.6, linestyle=(0, (2, 2)),
             )  # fmt: skip
     axes.grid(visible=True, which="major", linewidth=0.4, color="#80808080")
-    for axis, values in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, (low, high))):
-        is_short = log10(values[1] / values[0]) < 1.5
-        axis.set_major_formatter(LogFormatter())
-        axis.set_minor_formatter(
-            LogFormatter(minor_thresholds=(2.0, 1.2)) if is_short else NullFormatter()
-        )
+    for axis, ends in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, (low, high))):
+        is_short = log10(ends[1] / ends[0]) < SHORT_DECADES
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if is_short else (1.0,)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
 
 
 def _limits(values: Sequence[float]) -> tuple[float, float]:
-    """Ends of a logarithmic axis with room around the values, at least a factor of two."""
+    """Return ends of a logarithmic axis with room around the values, at least a factor of two."""
     low, high = log10(min(values)), log10(max(values))
     margin = max(ROOM * (high - low), 0.15)
     return 10.0 ** (low - margin), 10.0 ** (high + margin)

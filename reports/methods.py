@@ -31,6 +31,7 @@ from reports.pictures import (
 )
 from reports.record import load_image
 from reports.schema import MetricValue, Record
+from reports.sections import Detail
 
 SHOWN = tuple(
     each
@@ -99,9 +100,7 @@ def grouped(records: Sequence[tuple[Path, Record]]) -> list[list[tuple[Path, Rec
     return list(groups.values())
 
 
-def compare(
-    key: str, group: Sequence[tuple[Path, Record]], keys: Mapping[Path, str]
-) -> Comparison:
+def compare(key: str, group: Sequence[tuple[Path, Record]], keys: Mapping[Path, str]) -> Comparison:
     """Put the records of a group side by side.
 
     Parameters
@@ -125,7 +124,8 @@ def compare(
     first = group[0][1]
     brightest = truth if truth is not None else next((o for o in ours if o is not None), None)
     exposure = first.display.exposure if brightest is None else _exposure(brightest)
-    scale = error_scale([each for each in errors if each is not None])
+    known = [each for each in errors if each is not None]
+    scale = error_scale(known) if known else 1.0
     records = [record for _, record in group]
     chart = method_svg(records, key=f"{key}-chart")
     return Comparison(
@@ -157,8 +157,18 @@ def compare(
 
 
 def is_listed(record: Record, group: Sequence[tuple[Path, Record]]) -> bool:
-    """Whether a record is in the tables of all scenes: recipes of others only where none is ours."""
+    """Whether a record is in the tables of all scenes: a peer only where nothing is ours."""
     return not is_peer(record) or all(is_peer(other) for _, other in group)
+
+
+def detail_among(record: Record, group: Sequence[tuple[Path, Record]]) -> Detail:
+    """Return which pictures a page shows of a record: the dearest of ours stands for its scene."""
+    if len(group) == 1:
+        return "all"
+    if is_peer(record):
+        return "none"
+    dearest = [other for _, other in group if not is_peer(other)][-1]
+    return "most" if record is dearest else "viewer"
 
 
 def _picture(path: Path, record: Record, name: str) -> Floats | None:
@@ -170,7 +180,7 @@ def _shown(linear: Floats | None, exposure: float) -> str | None:
 
 
 def _exposure(linear: Floats) -> float:
-    """Stops that make a picture neither dark nor white."""
+    """Return the stops that make a picture neither dark nor white."""
     light = luminance(linear)
     lit = light[np.isfinite(light) & (light > 0.0)]
     if not lit.size:

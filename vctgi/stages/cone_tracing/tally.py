@@ -45,7 +45,7 @@ class SampleTally:
         """
         dr.eval(sample.radiance, sample.transmittance, sample.step_count)
         self.cone_count += _count(active, dr.width(sample.step_count))
-        self.sample_count += _total(dr.select(active, sample.step_count, 0))
+        self.sample_count += _total(mi.UInt32(dr.select(active, sample.step_count, 0)))
 
     def add_rays(self, active: mi.Bool, width: int) -> None:
         """Count the real rays of a launch.
@@ -78,7 +78,7 @@ class FrameTally:
 
 def _count(active: mi.Bool, width: int) -> int:
     """Return how many of so many lanes are active."""
-    return _total(dr.select(active, dr.full(mi.UInt32, 1, width), 0))
+    return _total(mi.UInt32(dr.select(active, dr.full(mi.UInt32, 1, width), 0)))
 
 
 def _total(values: mi.UInt32) -> int:
