@@ -42,6 +42,15 @@ Preset = Annotated[
         "such as peer:compix, with its own scale peer:compix:published; a wrong name lists all."
     ),
 ]
+Presets = Annotated[
+    list[str],
+    Parameter(
+        help="Named configurations to compare: repeat the option or part names by commas. 'all': "
+        "medium, high, ultra; 'peers': the recipes of other systems, with their own scale and "
+        "without; a wrong name lists all.",
+        negative="",
+    ),
+]
 Resolution = Annotated[
     int,
     Parameter(
@@ -66,7 +75,7 @@ JsonFile = Annotated[
 def report(  # noqa: PLR0913 - the options of a command
     *scenes: str,
     output: Path = Path("vctgi-report"),
-    preset: Preset = "high",
+    preset: Presets | None = None,
     resolution: Resolution | None = None,
     spp: Spp = 512,
     seed: int = 0,
@@ -78,14 +87,18 @@ def report(  # noqa: PLR0913 - the options of a command
     """Render scenes both ways and write one page that says how wrong the cones are.
 
     SCENES are Mitsuba XML files, Python files with a scene() function, glTF, OBJ or PLY meshes, or
-    names of built-in scenes; all built-in scenes if none is given.
+    names of built-in scenes; all built-in scenes if none is given. Without a preset, 'high'; with
+    several, the page shows them side by side.
     """
     from experiments.report import make_report
+    from experiments.session import list_presets
 
+    presets = list_presets(["high"] if preset is None else preset)
     page = make_report(
         list(scenes),
         output=output,
-        options=_options(preset, spp, seed, cache),
+        presets=presets,
+        options=_options(presets[0], spp, seed, cache),
         resolution=_picture_size(resolution),
         variant=variant,
         sensor=sensor,

@@ -48,6 +48,7 @@ def gate_scenes(
             options = RunOptions(
                 preset=gate.preset,
                 reference_spp=gate.reference_spp,
+                is_counted=False,
                 cache_directory=cache,
                 command=f"vctgi gate {gates_file}",
             )

@@ -19,6 +19,7 @@ from experiments.machine import BackendName, describe_machine
 from experiments.scenes import LoadedScene
 from reports.record import (
     Display,
+    FrameCost,
     ImageFile,
     Interval,
     MetricValue,
@@ -31,7 +32,7 @@ from reports.record import (
     write_record,
 )
 from vctgi.config import RenderConfig
-from vctgi.pipeline import LitVolume, PreparedScene
+from vctgi.pipeline import FrameTally, LitVolume, PreparedScene
 from vctgi.scene.lights import CAVEATS, KNOWN_KINDS, UNCOMPARED
 
 NOTABLE_LOSS = 0.02
@@ -86,6 +87,7 @@ class RunResult:
     surfaces: dict[str, np.ndarray]
     measured: list[metrics.Measurement]
     times: list[StageTime]
+    tally: FrameTally | None
     display: metrics.DisplaySettings
 
 
@@ -94,7 +96,9 @@ def keep_record(
 ) -> tuple[Record, Path]:
     """Write the pictures and the record of a run below `output`/records."""
     created = datetime.now(UTC)
-    name = f"{result.loaded.name}-{options.preset}-{variant.split('_')[0]}"
+    # A colon, as in "peer:compix", has no place in a file's name.
+    preset = options.preset.replace(":", "-")
+    name = f"{result.loaded.name}-{preset}-{variant.split('_')[0]}"
     record_id = f"{name}-{created:%Y%m%dT%H%M%S}-{secrets.token_hex(2)}"
     records = output / "records"
     height, width = result.tests["image"].shape[:2]
@@ -116,6 +120,7 @@ def keep_record(
         reference=_reference_info(result),
         metrics=[_metric_value(m) for m in result.measured],
         times=result.times,
+        cost=_frame_cost(result),
         images=_write_images(result, records / record_id),
         machine=describe_machine(cast(BackendName, variant)),
         display=Display(**dataclasses.asdict(result.display)),
@@ -192,6 +197,20 @@ def _reference_info(result: RunResult) -> ReferenceInfo:
         noise_relmse=noise,
         truncated_share=rest / (reflected + rest) if reflected + rest > 0.0 else 0.0,
         notes=truth.notes,
+    )
+
+
+def _frame_cost(result: RunResult) -> FrameCost | None:
+    tally = result.tally
+    if tally is None:
+        return None
+    return FrameCost(
+        gathering_cones=tally.gathering.cone_count,
+        gathering_samples=tally.gathering.sample_count,
+        specular_cones=tally.specular.cone_count,
+        specular_samples=tally.specular.sample_count,
+        near_field_rays=tally.gathering.ray_count + tally.specular.ray_count,
+        voxel_bytes=result.lit.volume.byte_count,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,10 +28,14 @@ from vctgi.errors import SceneError
 PAGE, SUMMARY, SHEET = "index.html", "summary.md", "sheet.jpg"
 """Files that a report leaves in its folder, beside `records/`."""
 
+LONG_SHEET = 24
+"""Records from which on the pictures of the sheet are half as wide, so that it can be looked at."""
+
 
 def make_report(
     sources: list[str],
     *,
+    presets: Sequence[str],
     output: Path,
     options: RunOptions,
     resolution: int | None,
@@ -44,10 +49,12 @@ def make_report(
     ----------
     sources
         Scenes as the command line takes them; empty for all built-in ones.
+    presets
+        Configurations that each scene is rendered with; at least one.
     output
         Folder for the page and the records.
     options
-        Preset, samples, seed.
+        Samples, seed; its preset does not matter.
     resolution
         Longer edge of the pictures, pixels; None for the default.
     variant
@@ -65,13 +72,15 @@ def make_report(
     Raises
     ------
     InputError
-        Bad input. A scene that turns out to be unfit only while it is rendered does not take the
-        others with it: their page is written first.
+        Bad input. A scene that turns out to be unfit only while it is rendered, or with one of the
+        presets, does not take the others with it: their page is written first.
+    ValueError
+        A picture that cannot be measured, in the same way.
     """
     chosen = start_mitsuba(variant)
     names = sources or list(BUILT_IN)
     results: list[tuple[Record, Path]] = []
-    failures: list[InputError | SceneError] = []
+    failures: list[Exception] = []
     with ProgressReport() as progress:
         # All scenes are loaded and checked before the first is rendered: a typing error in the
         # last name must not cost the minutes of the others.
@@ -82,25 +91,28 @@ def make_report(
             writable_file(json_file, "--json")
         for number, name in enumerate(names, start=1):
             loaded = _load(name, resolution, sensor)
-            progress.start_scene(loaded.title, number, len(names))
-            command = _command(name, resolution, options, chosen, loaded)
-            try:
-                record, path = run_scene(
-                    loaded, replace(options, command=command), output, chosen, progress
-                )
-            except (InputError, SceneError) as error:
-                # The others are still worth a page.
-                failures.append(error)
-                progress.say(f"left out: {error}")
-                continue
-            results.append((record, path))
-            progress.say(headline(record))
+            for place, preset in enumerate(presets, start=1):
+                about = f", {preset}" if len(presets) > 1 else ""
+                done = (number - 1) * len(presets) + place
+                progress.start_scene(loaded.title + about, done, len(names) * len(presets))
+                wanted = replace(options, preset=preset)
+                command = _command(name, resolution, wanted, chosen, loaded)
+                wanted = replace(wanted, command=command)
+                try:
+                    record, path = run_scene(loaded, wanted, output, chosen, progress)
+                except (InputError, SceneError, ValueError) as error:
+                    # The others are still worth a page.
+                    failures.append(error)
+                    progress.say(f"left out{about}: {' '.join(str(error).split())}")
+                    continue
+                results.append((record, path))
+                progress.say(f"{preset}: {headline(record)}" if about else headline(record))
     if not results:
         raise failures[0]
     paths = [path for _, path in results]
     page = write_accuracy_report(paths, output / PAGE)
     write_markdown_summary(paths, output / SUMMARY)
-    write_sheet(paths, output / SHEET)
+    write_sheet(paths, output / SHEET, width=240 if len(paths) <= LONG_SHEET else 120)
     if json_file is not None:
         rows = [record.model_dump(mode="json") for record, _ in results]
         json_file.write_text(json.dumps(rows, indent=1), encoding="utf-8")

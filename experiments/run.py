@@ -17,7 +17,7 @@ from experiments.scenes import LoadedScene
 from experiments.timing import StageTimer
 from reports.record import Record
 from vctgi.config import RenderConfig
-from vctgi.pipeline import Frame, LitVolume, PreparedScene
+from vctgi.pipeline import Frame, FrameTally, LitVolume, PreparedScene
 
 BATCH_COUNT = 8
 """Independent batches of a reference: their spread gives the intervals."""
@@ -40,6 +40,8 @@ class RunOptions:
     """Start of all random numbers."""
     warm_frames: int = 2
     """Frames that are timed, after one that compiles."""
+    is_counted: bool = True
+    """Whether one more frame is rendered, not timed, that counts what its cones read."""
     cache_directory: Path | None = None
     """Where references are kept."""
     command: str = ""
@@ -88,6 +90,7 @@ def run_scene(
     """
     config = vctgi.preset(options.preset)
     cones = render_cones(loaded, config, options, progress)
+    tally = count_samples(cones, config, options) if options.is_counted else None
     truth = reference.render_reference(
         loaded.scene,
         sensor=loaded.sensor_index,
@@ -121,6 +124,7 @@ def run_scene(
         surfaces=surface_images(cones.frame),
         measured=measured,
         times=cones.timer.stage_times(),
+        tally=tally,
         display=display,
     )
     written = keep_record(result, options, output, variant)
@@ -167,6 +171,13 @@ def render_cones(
         frame = vctgi.render_frame(prepared, lit.volume, config, timer, options.seed)
     progress("cone tracing", 1.0)
     return ConeFrame(prepared, lit, frame, timer)
+
+
+def count_samples(cones: ConeFrame, config: RenderConfig, options: RunOptions) -> FrameTally:
+    """Render the frame once more and return what its cones read."""
+    tally = FrameTally()
+    vctgi.render_frame(cones.prepared, cones.lit.volume, config, seed=options.seed, tally=tally)
+    return tally
 
 
 def component_images(frame: Frame) -> dict[str, np.ndarray]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from experiments.doctor import choose_variant
@@ -59,6 +60,45 @@ def find_preset(name: str, *, is_compared: bool = False) -> None:
             where="--preset",
             remedy="see its picture by `vctgi render`, and its error by `vctgi study accuracy`",
         )
+
+
+OURS, PEERS = "all", "peers"
+"""Words for many presets: all of ours that render light, and the recipes of other systems."""
+
+
+def list_presets(words: Sequence[str]) -> list[str]:
+    """Return the presets that a command names, each once, in the order of their first naming.
+
+    Parameters
+    ----------
+    words
+        Names of presets, lists of them with commas, "all", or "peers": each recipe of another
+        system as it is, and with that system's own scale where it has one.
+
+    Raises
+    ------
+    InputError
+        No preset of a name, one that renders no light, or no name at all.
+    """
+    from vctgi.config import PRESETS
+    from vctgi.peers import PEER_PREFIX, PUBLISHED_SUFFIX
+    from vctgi.peers import PEERS as RECIPES
+
+    groups = {
+        OURS: [name for name, config in PRESETS.items() if config.mode != "ambient"],
+        PEERS: [
+            PEER_PREFIX + name + end
+            for name, peer in RECIPES.items()
+            for end in (("",) if peer.published_gain == 1.0 else ("", PUBLISHED_SUFFIX))
+        ],
+    }
+    names = [name.strip() for word in words for name in word.split(",") if name.strip()]
+    found = list(dict.fromkeys(each for name in names for each in groups.get(name, [name])))
+    if not found:
+        raise InputError(what="no preset is named", where="--preset", remedy="name one")
+    for name in found:
+        find_preset(name, is_compared=True)
+    return found
 
 
 DEFAULT_RESOLUTION = 256

@@ -14,6 +14,7 @@ from markupsafe import Markup
 from reports.headline import (
     HEADLINES,
     Headline,
+    count_text,
     duration,
     find_metric,
     frame_seconds,
@@ -21,12 +22,14 @@ from reports.headline import (
     is_below_noise,
     number,
     ordered,
+    samples_per_pixel,
 )
+from reports.methods import Comparison, compare, detail_among, grouped, is_listed
 from reports.pictures import colour_stops
 from reports.plots import overview_svg, stage_time_svg
 from reports.record import read_record
 from reports.schema import MetricValue, Record
-from reports.sections import Pictures, read_pictures
+from reports.sections import Detail, Pictures, read_pictures
 from reports.voxel_colours import QUANTITIES
 
 
@@ -44,9 +47,25 @@ class Section:
     speed: float | None
     """Reference time over frame time."""
     chart: Markup | None
+    samples: float | None
+    """Of the voxels, a pixel."""
+    comparison_key: str | None
+    """Comparison that the record is part of; None where it is the only one of its scene."""
+    is_listed: bool
+    """Whether it is in the tables of all scenes."""
+    detail: Detail
+    """Which of its pictures are shown."""
     config: str
     """The configuration as indented JSON."""
     warnings: list[str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """A scene on the page: one record, or several side by side."""
+
+    section: Section | None = None
+    comparison: Comparison | None = None
 
 
 def accuracy_report(record_paths: Sequence[Path]) -> str:
@@ -70,11 +89,19 @@ def accuracy_report(record_paths: Sequence[Path]) -> str:
     if not record_paths:
         raise ValueError("accuracy_report: no record given; make one with `vctgi report`")
     records = ordered({path: read_record(path) for path in record_paths})
-    sections = [
-        _section(f"record-{index}", path, record)
-        for index, (path, record) in enumerate(records, start=1)
-    ]
-    overview = overview_svg([section.record for section in sections], key="overview")
+    keys = {path: f"record-{index}" for index, (path, _) in enumerate(records, start=1)}
+    sections: list[Section] = []
+    parts: list[Part] = []
+    for index, group in enumerate(grouped(records), start=1):
+        key = f"scene-{index}" if len(group) > 1 else None
+        found = [_section(keys[path], path, record, key, group) for path, record in group]
+        sections += found
+        if key is None:
+            parts.append(Part(section=found[0]))
+        else:
+            parts.append(Part(comparison=compare(key, group, keys)))
+    listed = [section.record for section in sections if section.is_listed]
+    overview = overview_svg(listed, key="overview")
     environment = Environment(
         loader=PackageLoader("reports", "templates"),
         autoescape=True,
@@ -82,10 +109,13 @@ def accuracy_report(record_paths: Sequence[Path]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(number=number, duration=duration)
+    environment.filters.update(
+        number=number, duration=duration, count=count_text, mebibytes=_mebibytes
+    )
     page = environment.get_template("accuracy.html.j2")
     return page.render(
         sections=sections,
+        parts=parts,
         headlines=HEADLINES,
         overview=None if overview is None else Markup(overview),
         style=Markup(_part("accuracy.css")),
@@ -106,8 +136,15 @@ def write_accuracy_report(record_paths: Sequence[Path], output: Path) -> Path:
     return output
 
 
-def _section(key: str, path: Path, record: Record) -> Section:
-    pictures = read_pictures(path, record)
+def _section(
+    key: str,
+    path: Path,
+    record: Record,
+    comparison_key: str | None,
+    group: Sequence[tuple[Path, Record]],
+) -> Section:
+    detail = detail_among(record, group)
+    pictures = read_pictures(path, record, detail)
     seconds = frame_seconds(record)
     reference = record.reference
     speed = reference.seconds / seconds if reference is not None and seconds else None
@@ -119,7 +156,8 @@ def _section(key: str, path: Path, record: Record) -> Section:
         )
     if reference is None:
         warnings.append("No reference was recorded: nothing here says how wrong the picture is.")
-    chart = Markup(stage_time_svg(record.times, key=f"{key}-times")) if record.times else None
+    has_chart = record.times and detail != "none"
+    chart = Markup(stage_time_svg(record.times, key=f"{key}-times")) if has_chart else None
     return Section(
         key=key,
         record=record,
@@ -128,9 +166,17 @@ def _section(key: str, path: Path, record: Record) -> Section:
         seconds=seconds,
         speed=speed,
         chart=chart,
+        samples=samples_per_pixel(record),
+        comparison_key=comparison_key,
+        is_listed=is_listed(record, group),
+        detail=detail,
         config=json.dumps(record.config, indent=2, ensure_ascii=False),
         warnings=warnings,
     )
+
+
+def _mebibytes(count: int) -> str:
+    return f"{count / 2**20:.3g} MiB"
 
 
 def _part(name: str) -> str:

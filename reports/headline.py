@@ -10,6 +10,12 @@ from pathlib import Path
 
 from reports.schema import Interval, MetricValue, Record
 
+PRESET_ORDER = ("ambient", "medium", "high", "ultra")
+"""Our own presets from cheap to dear; others follow by name, and other systems' recipes last."""
+
+PEER_PREFIX = "peer:"
+"""What names of other systems' recipes begin with."""
+
 FRAME_STAGES = ("frame", "total")
 """A stage of this name is the time of a whole frame; without one, stages are added up."""
 
@@ -92,6 +98,18 @@ def frame_seconds(record: Record) -> float | None:
     return (whole[0] if whole else sum(time.median_ms for time in record.times)) / 1000.0
 
 
+def samples_per_pixel(record: Record) -> float | None:
+    """Return samples of the voxels a pixel, by all cones; None where they were not counted."""
+    if record.cost is None:
+        return None
+    return record.cost.samples / (record.width * record.height)
+
+
+def is_peer(record: Record) -> bool:
+    """Whether a record was made by the recipe of another system."""
+    return record.preset.startswith(PEER_PREFIX)
+
+
 def is_below_noise(metric: MetricValue) -> bool:
     """Whether an error cannot be told from zero: its interval reaches down to zero or lower.
 
@@ -101,14 +119,21 @@ def is_below_noise(metric: MetricValue) -> bool:
 
 
 def ordered(records: Mapping[Path, Record]) -> list[tuple[Path, Record]]:
-    """Sort records by scene name, then method, preset, back end, time, id."""
+    """Sort records by scene name, then method, preset, back end, time, id.
 
-    def rank(entry: tuple[Path, Record]) -> tuple[str, ...]:
+    Presets: ours from cheap to dear, then any of other names, then the recipes of other systems.
+    """
+    places = {preset: place for place, preset in enumerate(PRESET_ORDER)}
+
+    def rank(entry: tuple[Path, Record]) -> tuple[object, ...]:
         record = entry[1]
         return (
             record.scene.name,
             record.method,
-            record.preset,
+            is_peer(record),
+            places.get(record.preset, len(places)),
+            # By parts, so that "peer:a:published" follows "peer:a" at once.
+            tuple(record.preset.split(":")),
             record.machine.backend,
             record.created,
             record.record_id,
@@ -136,6 +161,13 @@ def interval_text(interval: Interval | None) -> str:
     if interval is None:
         return ""
     return f"{number(interval.low)} to {number(interval.high)}"
+
+
+def count_text(value: float | None) -> str:
+    """Write a count a pixel: whole from 10 on, one decimal below; a dash for None."""
+    if value is None:
+        return "\N{EN DASH}"
+    return f"{value:,.0f}" if value >= 10.0 else f"{value:.1f}"
 
 
 def duration(seconds: float | None) -> str:

@@ -8,12 +8,14 @@ from pathlib import Path
 
 from reports.headline import (
     HEADLINES,
+    count_text,
     duration,
     find_metric,
     frame_seconds,
     interval_text,
     number,
     ordered,
+    samples_per_pixel,
 )
 from reports.record import read_record
 from reports.schema import MetricValue, Record
@@ -36,13 +38,14 @@ def markdown_summary(record_paths: Sequence[Path]) -> str:
         _row(record) for _, record in ordered({path: read_record(path) for path in record_paths})
     ]
     titles = [f"{headline.label} ({headline.component})" for headline in HEADLINES]
-    header = ["scene", "method", "back end", *titles, "time", "reference time", "warnings"]
+    header = ["scene", "method", "back end", *titles, "samples a pixel", "time", "reference time"]
+    header.append("warnings")
     rule = ["---", "---", "---", *["---:"] * (len(header) - 3)]
     table = "\n".join(f"| {' | '.join(row)} |" for row in [header, rule, *rows])
     return (
         f"{table}\n\n"
         "Value (95 % interval unless another level is said). Energy ratio and SSIM: 1 is ideal; "
-        "the others: 0 is.\n"
+        "the others: 0 is. Samples: places where the cones of a frame read the voxels.\n"
     )
 
 
@@ -61,6 +64,7 @@ def _row(record: Record) -> list[str]:
         _cell(f"{record.method} {record.preset}"),
         _cell(record.machine.backend),
         *(_metric(find_metric(record, headline)) for headline in HEADLINES),
+        count_text(samples_per_pixel(record)),
         duration(frame_seconds(record)),
         duration(None if reference is None else reference.seconds),
         str(len(record.warnings) + len(record.scene.unsupported)),

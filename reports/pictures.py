@@ -6,6 +6,7 @@ import base64
 import io
 import math
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import matplotlib as mpl
@@ -21,6 +22,9 @@ NOT_FINITE = (255, 0, 255)
 
 SCALE_QUANTILE = 0.99
 """The error map's scale is this quantile of the absolute error, rounded up to 1, 2 or 5 x 10^n."""
+
+JPEG_QUALITY = 92
+"""Of the small pictures where many stand side by side."""
 
 VIEWER_MANTISSA_BITS = 7
 """Kept of half precision's ten for the exposure control: steps of 0.8 %, below one 8-bit code
@@ -72,21 +76,55 @@ def tone_mapped_uri(linear: Floats, *, exposure: float) -> str:
 
 def thumbnail_uri(linear: Floats, *, exposure: float, width: int = 128) -> str:
     """PNG data URI of a version at most `width` pixels wide, box filtered in linear light."""
+    return tone_mapped_uri(reduced(linear, width), exposure=exposure)
+
+
+def reduced(linear: Floats, width: int) -> Floats:
+    """Return a picture at most `width` pixels wide, the mean of whole blocks of pixels."""
     step = max(1, math.ceil(linear.shape[1] / width))
     rows = max(1, linear.shape[0] // step)
     columns = max(1, linear.shape[1] // step)
-    cut = _as_rgb(linear)[: rows * step, : columns * step]
-    blocks = cut.reshape(rows, cut.shape[0] // rows, columns, cut.shape[1] // columns, 3)
-    small = blocks.mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
-    return tone_mapped_uri(small, exposure=exposure)
+    cut = linear[: rows * step, : columns * step]
+    shape = (rows, cut.shape[0] // rows, columns, cut.shape[1] // columns, *linear.shape[2:])
+    small: Floats = cut.reshape(shape).mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
+    return small
 
 
-def signed_map(error: Floats) -> SignedMap:
-    """Diverging picture of the luminance of an error: red too bright, blue too dark, white none."""
+def jpeg_uri(linear: Floats, *, exposure: float) -> str:
+    """JPEG data URI of `srgb_from_linear`, a quarter of a PNG: to be looked at, not measured."""
+    image = Image.fromarray(srgb_from_linear(linear, exposure=exposure), mode="RGB")
+    buffer = io.BytesIO()
+    image.save(buffer, format="JPEG", quality=JPEG_QUALITY, subsampling=0, optimize=True)
+    return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
+def error_scale(errors: Sequence[Floats]) -> float:
+    """Return one scale for the signed maps of many errors: that of the median one.
+
+    So one method that is wrong by a factor leaves the others' errors visible.
+    """
+    found = []
+    for error in errors:
+        signed = luminance(error)
+        magnitude = np.abs(signed[np.isfinite(signed)])
+        found.append(float(np.quantile(magnitude, SCALE_QUANTILE)) if magnitude.size else 0.0)
+    return _round_up(float(np.median(found)))
+
+
+def signed_map(error: Floats, scale: float | None = None) -> SignedMap:
+    """Diverging picture of the luminance of an error: red too bright, blue too dark, white none.
+
+    Parameters
+    ----------
+    error
+        [y, x, 3] or [y, x].
+    scale
+        Error at either end of the colours; None: from the errors themselves.
+    """
     signed = luminance(error)
     finite = np.isfinite(signed)
     magnitude = np.abs(signed[finite])
-    scale = _round_up(float(np.quantile(magnitude, SCALE_QUANTILE)) if magnitude.size else 0.0)
+    scale = error_scale([error]) if scale is None else scale
     exceeding = float(np.mean(magnitude > scale)) if magnitude.size else 0.0
     position = 0.5 + 0.5 * signed / scale
     return SignedMap(uri=_mapped_uri(position, "RdBu_r"), scale=scale, exceeding_share=exceeding)

@@ -17,7 +17,7 @@ from reports.headline import HEADLINES, Headline, find_metric
 from reports.schema import Record, StageTime
 
 INK = "#010203"
-"""Stands for the page's text colour, which differs between light and dark; see `_svg`."""
+"""Stands for the page's text colour, which differs between light and dark; see `page_svg`."""
 
 BAR_COLOUR = "#3b7ea1"
 """Reads on a white page and on a black one."""
@@ -40,7 +40,7 @@ def stage_time_svg(times: Sequence[StageTime], *, key: str) -> str:
     """
     if not times:
         raise ValueError("stage_time_svg: no stage time given; leave the chart out")
-    with _style():
+    with chart_style():
         figure = Figure(figsize=(6.8, 0.62 + 0.27 * len(times)), layout="constrained")
         axes = figure.subplots()
         rows = range(len(times))
@@ -57,7 +57,7 @@ def stage_time_svg(times: Sequence[StageTime], *, key: str) -> str:
         axes.invert_yaxis()
         axes.set_xlim(left=0.0)
         axes.set_xlabel("milliseconds per frame (median; whiskers: spread)")
-        return _svg(figure, axes, key)
+        return page_svg(figure, axes, key)
 
 
 def overview_svg(records: Sequence[Record], *, key: str) -> str | None:
@@ -71,7 +71,7 @@ def overview_svg(records: Sequence[Record], *, key: str) -> str | None:
     columns = [headline for headline in HEADLINES if headline.component == "indirect"]
     if not any(find_metric(record, column) for record in records for column in columns):
         return None
-    with _style():
+    with chart_style():
         figure = Figure(figsize=(9.4, 0.9 + 0.27 * len(records)), layout="constrained")
         panels = figure.subplots(1, len(columns), sharey=True, squeeze=False)[0]
         for axes, column in zip(panels, columns, strict=True):
@@ -79,7 +79,7 @@ def overview_svg(records: Sequence[Record], *, key: str) -> str | None:
         labels = [row_label(record) for record in records]
         panels[0].set_yticks(range(len(records)), labels, parse_math=False)
         panels[0].set_ylim(len(records) - 0.5, -0.5)
-        return _svg(figure, panels, key)
+        return page_svg(figure, panels, key)
 
 
 def row_label(record: Record) -> str:
@@ -88,7 +88,8 @@ def row_label(record: Record) -> str:
     return label if len(label) <= 36 else label[:35] + "\N{HORIZONTAL ELLIPSIS}"
 
 
-def _style() -> AbstractContextManager[None]:
+def chart_style() -> AbstractContextManager[None]:
+    """Return how charts of a page look, for as long as one is drawn."""
     return mpl.rc_context(
         {
             "svg.hashsalt": "vctgi",
@@ -130,12 +131,13 @@ def _dots(axes: Axes, records: Sequence[Record], column: Headline) -> None:
     axes.grid(visible=True, axis="x", linewidth=0.4, color="#80808080")
 
 
-def _svg(figure: Figure, panels: Axes | Sequence[Axes], key: str) -> str:
+def page_svg(figure: Figure, panels: Axes | Sequence[Axes], key: str) -> str:
     """Finish a figure: page colours instead of black on white, identifiers of its own."""
     for axes in [panels] if isinstance(panels, Axes) else panels:
         axes.set_facecolor("none")
         axes.tick_params(colors=INK, which="both")
         axes.xaxis.label.set_color(INK)
+        axes.yaxis.label.set_color(INK)
         for spine in axes.spines.values():
             spine.set_color(INK)
     figure.patch.set_facecolor("none")

@@ -16,6 +16,7 @@ from reports.image_files import load_image as load_image
 from reports.image_files import write_image as write_image
 from reports.schema import SCHEMA_VERSION as SCHEMA_VERSION
 from reports.schema import Display as Display
+from reports.schema import FrameCost as FrameCost
 from reports.schema import ImageFile as ImageFile
 from reports.schema import Interval as Interval
 from reports.schema import Machine as Machine

@@ -126,6 +126,26 @@ class StageTime(_Part):
         return self
 
 
+class FrameCost(_Part):
+    """What the cones of one frame read, counted in a frame of its own that is not timed."""
+
+    gathering_cones: int = Field(ge=0)
+    """Diffuse cones that marched, or those of ambient occlusion."""
+    gathering_samples: int = Field(ge=0)
+    """Steps that they took; each is one sample of the voxels, between two levels."""
+    specular_cones: int = Field(ge=0)
+    specular_samples: int = Field(ge=0)
+    near_field_rays: int = Field(ge=0)
+    """Real rays in place of the beginning of cones."""
+    voxel_bytes: int = Field(ge=0)
+    """Size of the voxels that are read."""
+
+    @property
+    def samples(self) -> int:
+        """Samples of the voxels by all cones."""
+        return self.gathering_samples + self.specular_samples
+
+
 class ImageFile(_Part):
     """An EXR picture (float32, channels R G B or Y) that belongs to a record."""
 
@@ -233,6 +253,8 @@ class Record(_Part):
     reference: ReferenceInfo | None
     metrics: list[MetricValue]
     times: list[StageTime]
+    cost: FrameCost | None = None
+    """What a frame read; None where it was not counted."""
     images: dict[str, ImageFile]
     machine: Machine
     display: Display

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -34,6 +35,11 @@ COMPONENTS = (
     ("depth", "depth"),
 )
 """Component pictures in the order of the page, by name in a record and by title."""
+
+Detail = Literal["all", "most", "viewer", "none"]
+"""Pictures of a record that are shown: "most" are all but the linear values for the exposure,
+"viewer" are those of the slider and its maps, so that a page of many records of a scene stays below
+20 MB."""
 
 EXPOSURE_PIXEL_LIMIT = 512 * 512
 """Pictures of more pixels come without linear values (some 3 bytes a pixel), and so without an
@@ -69,8 +75,15 @@ class Pictures:
     """What is wrong with the pictures, a sentence each."""
 
 
-def read_pictures(record_path: Path, record: Record) -> Pictures:
+def read_pictures(record_path: Path, record: Record, detail: Detail = "all") -> Pictures:
     """Read every picture of a record that a page shows.
+
+    Parameters
+    ----------
+    record_path, record
+        The record and its file.
+    detail
+        Which of them are made ready; all are read and checked.
 
     Raises
     ------
@@ -78,6 +91,9 @@ def read_pictures(record_path: Path, record: Record) -> Pictures:
         When a picture is missing on disk, altered, or not readable (`load_image`).
     """
     linear = {name: load_image(record_path, record, name) for name in sorted(record.images)}
+    faults = _faults(linear)
+    if detail == "none":
+        linear = {}
     exposure = record.display.exposure
     image, reference = linear.get("image"), linear.get("reference")
     flip = linear.get("flip")
@@ -86,14 +102,16 @@ def read_pictures(record_path: Path, record: Record) -> Pictures:
         image=_tone_mapped(image, exposure),
         reference=_tone_mapped(reference, exposure),
         thumbnail=None if image is None else thumbnail_uri(image, exposure=exposure),
-        image_payload=_payload(image),
-        reference_payload=_payload(reference),
+        image_payload=_payload(image) if detail == "all" else None,
+        reference_payload=_payload(reference) if detail == "all" else None,
         error=error,
         relative_scale=_relative_scale(error, reference),
         flip=None if flip is None else sequential_uri(flip, low=0.0, high=1.0, colours="magma"),
-        components=_components(linear, exposure),
-        voxels=voxel_rows(linear, record.images, exposure=exposure),
-        faults=_faults(linear),
+        components=_components(linear, exposure) if detail in ("all", "most") else [],
+        voxels=voxel_rows(linear, record.images, exposure=exposure)
+        if detail in ("all", "most")
+        else [],
+        faults=faults,
     )
 
 

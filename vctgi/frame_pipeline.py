@@ -22,6 +22,7 @@ from vctgi.specular_pipeline import gather_specular
 from vctgi.stages.composite import IndirectLight, composite
 from vctgi.stages.cone_tracing.ambient import trace_ambient
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
+from vctgi.stages.cone_tracing.tally import FrameTally as FrameTally
 from vctgi.stages.gbuffer import trace_gbuffer
 from vctgi.stages.reconstruction.interpolation import Gather, interpolate, refine, trace_sparse
 from vctgi.stages.reconstruction.sparse_pixels import SparseGrid
@@ -68,6 +69,7 @@ def render_frame(
     config: RenderConfig,
     clock: StageClock = no_clock,
     seed: int = 0,
+    tally: FrameTally | None = None,
 ) -> Frame:
     """Render the indirect light of a picture, or its ambient occlusion.
 
@@ -83,12 +85,15 @@ def render_frame(
         Times the stages.
     seed
         Chooses the random rotations and phases of the cones.
+    tally
+        Counts what the frame's cones read, not those that light voxels; None: nothing is counted,
+        and the kernels are those of a frame that never is.
     """
     width, height = (int(n) for n in prepared.sensor.film().crop_size())
     count = config.samples_per_pixel
     is_ambient = config.mode == "ambient"
     pixel = dr.arange(mi.UInt32, width * height)
-    gather = _gatherer(prepared, volume, config, clock)
+    gather = _gatherer(prepared, volume, config, clock, tally)
     sums: dict[str, list[mi.Float]] = {}
     first, traced, refined_count = {}, None, 0
     for number in range(count):
@@ -125,7 +130,7 @@ def render_frame(
             sample = _ambient_sample(gbuffer, incident)
         else:
             film = FilmSample(width, number)
-            light = gather_light(prepared, gbuffer, volume, config, clock, incident, film)
+            light = gather_light(prepared, gbuffer, volume, config, clock, incident, film, tally)
             sample = _light_sample(gbuffer, light)
         _accumulate(sums, sample, count)
     tensors = _tensors({**sums, **first}, width, height)
@@ -150,6 +155,7 @@ def gather_light(
     clock: StageClock = no_clock,
     incident: mi.Color3f | None = None,
     film: FilmSample | None = None,
+    tally: FrameTally | None = None,
 ) -> IndirectLight:
     """Trace the cones of visible points and put their light together.
 
@@ -162,15 +168,18 @@ def gather_light(
     film
         Says that the points are pixels; without it nothing can be filtered, and noise that is bound
         to pixels is refused.
+    tally
+        Counts what the cones read; None: nothing is counted.
     """
     plan = prepared.plan
     if incident is None:
-        incident = _gatherer(prepared, volume, config, clock)(gbuffer)
+        incident = _gatherer(prepared, volume, config, clock, tally)(gbuffer)
     specular = None
     if plan.has_specular or plan.has_passing:
         with clock("specular cones"):
             sky = prepared.sky if plan.has_sky_in_cones else None
-            specular = gather_specular(plan, gbuffer, volume, config, sky, film)
+            counts = None if tally is None else tally.specular
+            specular = gather_specular(plan, gbuffer, volume, config, sky, film, counts)
             dr.eval(specular)
     with clock("composite"):
         light = composite(gbuffer, incident, specular)
@@ -179,27 +188,38 @@ def gather_light(
 
 
 def gather_ambient(
-    prepared: PreparedScene, gbuffer: GBuffer, volume: VoxelVolume, config: RenderConfig
+    prepared: PreparedScene,
+    gbuffer: GBuffer,
+    volume: VoxelVolume,
+    config: RenderConfig,
+    tally: FrameTally | None = None,
 ) -> mi.Float:
     """Return how open the hemisphere over visible points is, [0, 1]."""
-    return trace_ambient(gbuffer, volume, config.ambient, prepared.scene)
+    counts = None if tally is None else tally.gathering
+    return trace_ambient(gbuffer, volume, config.ambient, prepared.scene, counts)
 
 
 def _gatherer(
-    prepared: PreparedScene, volume: VoxelVolume, config: RenderConfig, clock: StageClock
+    prepared: PreparedScene,
+    volume: VoxelVolume,
+    config: RenderConfig,
+    clock: StageClock,
+    tally: FrameTally | None,
 ) -> Gather:
     """Return what gathers the light that is interpolated: diffuse light, or how open it is."""
 
     def ambient(gbuffer: GBuffer) -> mi.Color3f:
         with clock("ambient cones"):
-            openness = mi.Color3f(as_component(gather_ambient(prepared, gbuffer, volume, config)))
-            dr.eval(openness)
-        return openness
+            openness = gather_ambient(prepared, gbuffer, volume, config, tally)
+            gray = mi.Color3f(as_component(openness))
+            dr.eval(gray)
+        return gray
 
     def diffuse(gbuffer: GBuffer) -> mi.Color3f:
         sky = prepared.sky if prepared.plan.has_sky_in_cones else None
+        counts = None if tally is None else tally.gathering
         with clock("diffuse cones"):
-            incident = trace_diffuse(gbuffer, volume, config.diffuse, prepared.scene, sky)
+            incident = trace_diffuse(gbuffer, volume, config.diffuse, prepared.scene, sky, counts)
             dr.eval(incident)
         return incident
 

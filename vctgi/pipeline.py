@@ -24,6 +24,7 @@ from vctgi.clipmap.storage import (
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
 from vctgi.frame_pipeline import Frame as Frame
+from vctgi.frame_pipeline import FrameTally as FrameTally
 from vctgi.frame_pipeline import gather_ambient as gather_ambient
 from vctgi.frame_pipeline import gather_light as gather_light
 from vctgi.frame_pipeline import render_frame as render_frame

@@ -11,6 +11,7 @@ from vctgi.plan import Plan
 from vctgi.scene.records import FilmSample, GBuffer
 from vctgi.scene.sky import PrefilteredSky
 from vctgi.stages.cone_tracing.specular import trace_specular
+from vctgi.stages.cone_tracing.tally import SampleTally
 from vctgi.stages.reconstruction.denoising import filter_specular
 
 
@@ -21,6 +22,7 @@ def gather_specular(
     config: RenderConfig,
     sky: PrefilteredSky | None = None,
     film: FilmSample | None = None,
+    tally: SampleTally | None = None,
 ) -> mi.Color3f:
     """Trace the specular cones of visible points, filter them, and weigh them with the surfaces.
 
@@ -38,6 +40,8 @@ def gather_specular(
         What cones see beyond the voxels; None: darkness.
     film
         Where the points lie in the picture, if they are pixels.
+    tally
+        Counts what the cones read; None: nothing is counted.
 
     Returns
     -------
@@ -57,6 +61,7 @@ def gather_specular(
         has_passing=plan.has_passing,
         sky=sky,
         film=film,
+        tally=tally,
     )
     if plan.has_specular and config.specular_filter.kind != "none":
         if film is None:

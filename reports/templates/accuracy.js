@@ -186,7 +186,22 @@
     if (event.target === lightbox || event.target === large) lightbox.close();
   });
 
+  // A record of a scene with several is closed until something leads to it.
+  const openTarget = () => {
+    const target = location.hash && document.getElementById(decodeURIComponent(location.hash.slice(1)));
+    const record = target && target.closest("details.record");
+    if (!record || record.open) return;
+    record.open = true;
+    target.scrollIntoView();
+  };
+  addEventListener("hashchange", openTarget);
+  for (const link of document.querySelectorAll('a[href^="#"]')) {
+    link.addEventListener("click", () => setTimeout(openTarget, 0));
+  }
+  openTarget();
+
   addEventListener("beforeprint", () => {
-    for (const details of document.querySelectorAll("details")) details.open = true;
+    // Records that stand side by side are printed as far as the reader opened them.
+    for (const details of document.querySelectorAll("details:not(.record)")) details.open = true;
   });
 })();

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import OpenEXR
 import pytest
 
+import experiments.report
+import vctgi
 from experiments.cli import main
-from experiments.errors import EXIT_BAD_INPUT, EXIT_DONE
-from reports.record import load_image, read_record, read_records
+from experiments.errors import EXIT_BAD_INPUT, EXIT_DONE, InputError
+from experiments.run import RunOptions
+from experiments.scenes import LoadedScene
+from experiments.session import list_presets
+from reports.record import Record, load_image, read_record, read_records
+from vctgi.config import RenderConfig, preset, preset_names
 
 SMALL_REPORT = ["--resolution", "32", "--spp", "64", "--preset", "medium"]
 
@@ -161,6 +169,64 @@ def test_a_picture_without_light_is_refused_and_the_other_scenes_get_their_page(
     assert not (output / "index.html").exists()
     assert main(["report", str(path), "cornell_box", *common]) == EXIT_BAD_INPUT
     assert "Cornell box" in (output / "index.html").read_text(encoding="utf-8")
+
+
+def test_several_presets_share_a_page_and_a_failing_one_is_left_out(
+    variant: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    real_preset, real_run = vctgi.preset, experiments.report.run_scene
+
+    def small_preset(name: str) -> RenderConfig:
+        config = real_preset(name)
+        clipmap = replace(config.clipmap, resolution=32)
+        return replace(config, clipmap=clipmap, samples_per_pixel=1)
+
+    def failing_run(loaded: LoadedScene, options: RunOptions, *rest: Any) -> tuple[Record, Path]:
+        if options.preset == "peer:godot_lq":
+            raise InputError(what="it fails", where=options.preset, remedy="none")
+        return real_run(loaded, options, *rest)
+
+    monkeypatch.setattr(vctgi, "preset", small_preset)
+    monkeypatch.setattr(experiments.report, "run_scene", failing_run)
+    output = tmp_path / "out"
+    presets = ["--preset", "peer:godot_lq", "--preset", "medium,peer:crassin:published"]
+    arguments = ["report", str(write_scene(tmp_path)), "--output", str(output), *presets]
+    arguments += ["--resolution", "32", "--spp", "16", "--cache", str(tmp_path / "cache")]
+    assert main(arguments) == EXIT_BAD_INPUT
+    assert "it fails" in (said := capsys.readouterr().err)
+    assert "[2/3]" in said
+    assert "peer:crassin:published: cone tracing" in said
+    records = read_records(output / "records").values()
+    assert sorted(record.preset for record in records) == ["medium", "peer:crassin:published"]
+    assert len({record.reference.key for record in records if record.reference}) == 1
+    # Rendered once, and read from the cache by the others.
+    assert sorted(r.reference.from_cache for r in records if r.reference) == [False, True]
+    for record in records:
+        assert f"--preset {record.preset} " in record.command
+        assert record.cost is not None
+        assert record.cost.gathering_samples >= record.cost.gathering_cones > 0
+        assert record.cost.voxel_bytes > 0
+    page = (output / "index.html").read_text(encoding="utf-8")
+    assert "Methods side by side" in page
+
+
+def test_presets_are_named_by_lists_and_by_words() -> None:
+    assert list_presets(["high"]) == ["high"]
+    assert list_presets(["all"]) == ["medium", "high", "ultra"]
+    assert list_presets(["ultra, medium", "all"]) == ["ultra", "medium", "high"]
+    peers = list_presets(["peers"])
+    assert set(peers) <= set(preset_names())
+    assert {"peer:compix", "peer:compix:published", "peer:hanetaka8"} <= set(peers)
+    # A scale of one is no other recipe.
+    gains = {name: preset(name).diffuse.gain for name in peers if name.endswith(":published")}
+    assert gains
+    assert 1.0 not in gains.values()
+    for wrong in (["best"], ["all,best"], ["ambient"], [","]):
+        with pytest.raises(InputError):
+            list_presets(wrong)
 
 
 def test_a_picture_without_indirect_light_is_measured_where_it_can_be(

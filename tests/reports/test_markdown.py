@@ -38,7 +38,7 @@ def test_names_cannot_break_the_table(write: Write, awkward_name: str, tmp_path:
 
 def test_what_was_not_measured_is_a_dash(write: Write) -> None:
     row = cells(markdown_summary([write(metrics=[], times=[], reference=None)]).splitlines()[2])
-    assert row[3:-1] == ["\N{EN DASH}"] * 9
+    assert row[3:-1] == ["\N{EN DASH}"] * 10
 
 
 def test_no_record_is_refused() -> None:

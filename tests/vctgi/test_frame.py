@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -12,7 +13,14 @@ import pytest
 import vctgi
 from tests.vctgi.small_scenes import area_light, camera, diffuse, load, room
 from vctgi.config import RenderConfig
-from vctgi.pipeline import Frame, PreparedScene, light_volume, prepare_scene, render_frame
+from vctgi.pipeline import (
+    Frame,
+    FrameTally,
+    PreparedScene,
+    light_volume,
+    prepare_scene,
+    render_frame,
+)
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -123,6 +131,82 @@ def test_accumulated_ambient_occlusion_is_the_mean() -> None:
         pictures.append(np.array(frame.ambient))
         result, history = vctgi.accumulate_frame(history, frame, prepared.sensor, config)
     np.testing.assert_allclose(np.array(result.ambient), np.mean(pictures, axis=0), atol=1e-3)
+
+
+def glossy() -> mi.Scene:
+    box = {
+        "type": "cube",
+        "to_world": mi.ScalarTransform4f().translate([0.0, -0.7, -0.2]).scale(0.3),
+        "bsdf": {"type": "roughconductor", "alpha": 0.2},
+    }
+    return furnished(box=box)
+
+
+def counted(scene: mi.Scene, config: RenderConfig) -> tuple[Frame, FrameTally]:
+    prepared = prepare_scene(scene, scene.sensors()[0], config)
+    volume = light_volume(prepared, config).volume
+    tally = FrameTally()
+    return render_frame(prepared, volume, config, tally=tally), tally
+
+
+def test_counting_changes_no_pixel_and_no_kernel() -> None:
+    scene, config = glossy(), settings(4, spp=2)
+    prepared = prepare_scene(scene, scene.sensors()[0], config)
+    volume = light_volume(prepared, config).volume
+
+    def kernels() -> list[Any]:
+        return sorted(entry["hash"] for entry in dr.kernel_history() if "hash" in entry)
+
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        plain = render_frame(prepared, volume, config)
+        before = kernels()
+        tallied = render_frame(prepared, volume, config, tally=FrameTally())
+        with_counts = kernels()
+        again = render_frame(prepared, volume, config)
+        after = kernels()
+    assert before == after
+    assert before != with_counts
+    for name in ("indirect_diffuse", "indirect_specular"):
+        picture = np.array(getattr(plain, name))
+        assert picture.any()
+        np.testing.assert_array_equal(picture, np.array(getattr(again, name)))
+        np.testing.assert_array_equal(picture, np.array(getattr(tallied, name)))
+
+
+def test_sparse_pixels_save_diffuse_cones_and_no_specular_one() -> None:
+    scene = glossy()
+    dense, of_dense = counted(scene, settings(1, spp=4))
+    sparse, of_sparse = counted(scene, settings(4, spp=4))
+    strict = settings(4, spp=4, max_depth_ratio=1e-9, min_support=1.0)
+    refined, of_refined = counted(scene, strict)
+    reflecting = int((np.array(dense.albedo) > 0.0).any(axis=-1).sum())
+    count = settings().diffuse.cone_count
+    # Pixels whose rays all meet the lamp, which reflects nothing, trace no cone.
+    assert 0.9 * 4 * reflecting * count < of_dense.gathering.cone_count <= 4 * reflecting * count
+    assert of_sparse.specular == of_dense.specular == of_refined.specular
+    assert of_dense.specular.sample_count > 0
+
+    def refined_cones(frame: Frame) -> int:
+        return round(frame.refined_share * SIZE * SIZE * 4) * count
+
+    # Where none may be interpolated, every ray that is reflected traces, as in the dense frame.
+    assert refined_cones(refined) == of_dense.gathering.cone_count
+    # The rest are those that trace for their neighbours, one in four in both.
+    traced = of_refined.gathering.cone_count - refined_cones(refined)
+    assert traced == of_sparse.gathering.cone_count - refined_cones(sparse)
+    assert traced / of_dense.gathering.cone_count == pytest.approx(0.25, abs=0.01)
+
+
+def test_ambient_cones_are_counted_with_their_real_rays() -> None:
+    config = replace(vctgi.preset("ambient"), samples_per_pixel=1)
+    config = replace(config, reconstruction=settings(1).reconstruction)
+    frame, tally = counted(furnished(), config)
+    surfaces = int((np.array(frame.depth) > 0.0).sum())
+    assert tally.gathering.ray_count == surfaces * config.ambient.cone_count
+    assert 0 < tally.gathering.cone_count < tally.gathering.ray_count
+    assert tally.gathering.sample_count > tally.gathering.cone_count
+    assert tally.specular.cone_count == 0
 
 
 def test_unknown_mode_is_refused() -> None:

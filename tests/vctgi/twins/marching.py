@@ -23,8 +23,8 @@ def march(
     ratio: float,
     phase: float,
     config: ConeMarchConfig,
-) -> tuple[np.ndarray, float]:
-    """Return radiance and transmittance."""
+) -> tuple[np.ndarray, float, int]:
+    """Return radiance, transmittance and the number of steps."""
     layout = volume.layout
     begin, end = march_range(layout, apex, axis, ratio)
     voxel_size = layout.finest_voxel_size
@@ -34,7 +34,7 @@ def march(
         end = min(end, config.max_footprint_voxels * voxel_size / ratio)
     start = config.start_offset_voxels * layout.finest_voxel_size
     t = max(begin, start * 2.0 ** finest_level(layout, apex))
-    radiance, transmittance = np.zeros(3), 1.0
+    radiance, transmittance, count = np.zeros(3), 1.0, 0
     while t < end and transmittance > config.min_transmittance:
         held = layout.finest_voxel_size * 2.0 ** finest_level(layout, apex + t * axis)
         wanted = config.step_ratio * ratio * t
@@ -51,7 +51,8 @@ def march(
         radiance += transmittance * seen
         transmittance *= 1.0 - stopped
         t += step
-    return radiance, transmittance
+        count += 1
+    return radiance, transmittance, count
 
 
 def step_at(

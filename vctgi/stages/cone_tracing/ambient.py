@@ -21,6 +21,7 @@ from vctgi.scene.extent import half_extent
 from vctgi.scene.records import GBuffer
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, march_cone
 from vctgi.stages.cone_tracing.near_field import trace_near_field
+from vctgi.stages.cone_tracing.tally import SampleTally
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +72,11 @@ class AmbientConfig:
 
 
 def trace_ambient(
-    gbuffer: GBuffer, volume: VoxelVolume, config: AmbientConfig, scene: mi.Scene
+    gbuffer: GBuffer,
+    volume: VoxelVolume,
+    config: AmbientConfig,
+    scene: mi.Scene,
+    tally: SampleTally | None = None,
 ) -> mi.Float:
     """Return how open the hemisphere over each visible point is.
 
@@ -85,6 +90,8 @@ def trace_ambient(
         Cones and range.
     scene
         Geometry, whose extent the range may be a share of, and which the near field traces.
+    tally
+        Counts what the cones read; None: nothing is counted.
 
     Returns
     -------
@@ -118,10 +125,14 @@ def trace_ambient(
         begin = mi.Float(0.0)
         if config.near_field_voxels > 0.0:
             near = trace_near_field(scene, volume, apex, normal, axis, near_voxels, active)
+            if tally is not None:
+                tally.add_rays(active, points)
             hidden = dr.select(near.is_hit, dr.exp(near.distance * (-1.0 / reach)), 0.0)
             active, begin = active & ~near.is_hit, near.reach
         phase = mi.Float(1.0 - jitter)
         cone = march_cone(volume, apex, axis, ratio, phase, march, active, begin)
+        if tally is not None:
+            tally.add(cone, active)
         weight = dr.opaque(mi.Float, cones.weights[number])
         closed = dr.fma(weight, mi.Float(cone.radiance.x) + hidden, closed)
         dr.eval(closed)

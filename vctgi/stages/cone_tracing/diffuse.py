@@ -18,6 +18,7 @@ from vctgi.scene.records import GBuffer
 from vctgi.scene.sky import PrefilteredSky
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, finest_level, march_cone
 from vctgi.stages.cone_tracing.near_field import trace_near_field
+from vctgi.stages.cone_tracing.tally import SampleTally
 
 Rotation = Literal["fixed", "pixel", "frame"]
 """By what angle cones are turned about the normal: none, one for each camera ray, or one for all
@@ -99,6 +100,7 @@ def trace_diffuse(
     config: DiffuseConesConfig,
     scene: mi.Scene | None = None,
     sky: PrefilteredSky | None = None,
+    tally: SampleTally | None = None,
 ) -> mi.Color3f:
     """Gather indirect diffuse light.
 
@@ -114,6 +116,8 @@ def trace_diffuse(
         Geometry, which only the near field needs.
     sky
         What the share of a cone sees that nothing stops; None: darkness.
+    tally
+        Counts what the cones read; None: nothing is counted.
 
     Returns
     -------
@@ -125,12 +129,13 @@ def trace_diffuse(
     points = dr.width(gbuffer.position)
     block = max(1, MAX_CONES_PER_PASS // cones.cone_count)
     if points <= block:
-        return _trace_block(gbuffer, volume, cones, config, scene, sky)
+        return _trace_block(gbuffer, volume, cones, config, scene, sky, tally)
     gathered = dr.zeros(mi.Color3f, points)
     for begin in range(0, points, block):
         index = dr.arange(mi.UInt32, min(block, points - begin)) + begin
         part = dr.gather(GBuffer, gbuffer, index)
-        dr.scatter(gathered, _trace_block(part, volume, cones, config, scene, sky), index)
+        light = _trace_block(part, volume, cones, config, scene, sky, tally)
+        dr.scatter(gathered, light, index)
         dr.eval(gathered)
     return gathered
 
@@ -142,6 +147,7 @@ def _trace_block(
     config: DiffuseConesConfig,
     scene: mi.Scene | None,
     sky: PrefilteredSky | None,
+    tally: SampleTally | None,
 ) -> mi.Color3f:
     """Gather the light of as many points as fit one pass."""
     points = dr.width(gbuffer.position)
@@ -168,12 +174,16 @@ def _trace_block(
     if config.near_field_voxels > 0.0:
         assert scene is not None, "the near field traces real rays, so it needs the scene"
         near = trace_near_field(scene, volume, apex, normal, axis, config.near_field_voxels, active)
+        if tally is not None:
+            tally.add_rays(active, dr.width(lane))
         active &= ~near.is_hit
         traced = march_cone(volume, apex, axis, ratio, phase, config.march, active, near.reach)
         radiance = dr.select(near.is_hit, near.radiance, traced.radiance)
     else:
         traced = march_cone(volume, apex, axis, ratio, phase, config.march, active)
         radiance = traced.radiance
+    if tally is not None:
+        tally.add(traced, active)
     if sky is not None:
         # Cones that hit something nearby are not active any more: they see no sky.
         aperture = dr.gather(mi.Float, mi.Float(list(cones.apertures)), cone)
@@ -232,6 +242,8 @@ def _cosine_shares(
         above = mi.Float(dr.dot(mi.Vector3f(*direction), gbuffer.normal))
         total += dr.maximum(above, 0.0)
     cosine = mi.Float(dr.dot(axis, normal))
+    # Points that are no surface have no normal, and no cone above it.
+    total = dr.select(total > 0.0, total, 1.0)
     return dr.maximum(cosine, 0.0) / dr.gather(mi.Float, total, point)
 
 

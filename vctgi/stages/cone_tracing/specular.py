@@ -25,6 +25,7 @@ from vctgi.maths.stub_gaps import as_component
 from vctgi.scene.records import FilmSample, GBuffer
 from vctgi.scene.sky import PrefilteredSky
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, march_cone
+from vctgi.stages.cone_tracing.tally import SampleTally
 
 WIDEST_CONE = 0.95 * math.pi
 """Aperture at which a cone becomes a half space and its footprint infinite; wider lobes are traced
@@ -148,6 +149,7 @@ def trace_specular(
     has_passing: bool,
     sky: PrefilteredSky | None = None,
     film: FilmSample | None = None,
+    tally: SampleTally | None = None,
 ) -> SpecularLight:
     """Gather the light that glossy lobes reflect, and that masks and thin glass let through.
 
@@ -165,6 +167,8 @@ def trace_specular(
         What the share of a cone sees that nothing stops; None: darkness.
     film
         Where the points lie in the picture, which noise of kind "blue" needs.
+    tally
+        Counts what the cones read; None: nothing is counted.
 
     Raises
     ------
@@ -174,11 +178,12 @@ def trace_specular(
     noise = _noise(gbuffer, config, film)
     reflected = passed = dr.zeros(mi.Color3f, dr.width(gbuffer.position))
     if has_specular:
-        reflected = _trace_lobe(gbuffer, volume, config, noise, sky)
+        reflected = _trace_lobe(gbuffer, volume, config, noise, sky, tally)
     if has_passing:
         narrow = _Cone(gbuffer.ray_direction, mi.Float(config.min_aperture))
         active = gbuffer.is_valid & (dr.max(gbuffer.passed) > 0.0)
-        passed = _trace(gbuffer, volume, narrow, _first_step_share(noise), config, sky, active)
+        share = _first_step_share(noise)
+        passed = _trace(gbuffer, volume, narrow, share, config, sky, active, tally)
     return SpecularLight(reflected, passed)
 
 
@@ -196,6 +201,7 @@ def _trace_lobe(
     config: SpecularConesConfig,
     noise: mi.Float,
     sky: PrefilteredSky | None,
+    tally: SampleTally | None,
 ) -> mi.Color3f:
     """Mean radiance over each point's lobe."""
     # A lobe that is wider than a cone can be ends at WIDEST_CONE.
@@ -204,7 +210,7 @@ def _trace_lobe(
     active = gbuffer.is_valid & (dr.max(gbuffer.specular_albedo) > 0.0)
     count = config.rough_cone_count
     if count == 1:
-        return _trace(gbuffer, volume, lobe, _first_step_share(noise), config, sky, active)
+        return _trace(gbuffer, volume, lobe, _first_step_share(noise), config, sky, active, tally)
     is_rough = active & (aperture > config.rough_aperture)
     total = dr.zeros(mi.Color3f, dr.width(gbuffer.position))
     total_weight = dr.zeros(mi.Float, dr.width(gbuffer.position))
@@ -215,7 +221,7 @@ def _trace_lobe(
         is_above = dr.dot(cone.axis, gbuffer.normal) > 0.0
         is_traced = dr.select(place == 0, active, is_rough & is_above)
         share = _first_step_share(noise + SAMPLE_TURN * mi.Float(place))
-        seen = _trace(gbuffer, volume, cone, share, config, sky, is_traced)
+        seen = _trace(gbuffer, volume, cone, share, config, sky, is_traced, tally)
         total += dr.select(is_traced, seen, 0.0)
         total_weight += dr.select(is_traced, 1.0, mi.Float(0.0))
         dr.eval(total, total_weight)
@@ -288,12 +294,15 @@ def _trace(
     config: SpecularConesConfig,
     sky: PrefilteredSky | None,
     active: mi.Bool,
+    tally: SampleTally | None,
 ) -> mi.Color3f:
     """Radiance along one cone of each active point."""
     ratio = 2.0 * dr.tan(0.5 * cone.aperture)
     seen = march_cone(
         volume, gbuffer.position, cone.axis, ratio, first_step_share, config.march, active
     )
+    if tally is not None:
+        tally.add(seen, active)
     radiance = seen.radiance
     if sky is not None:
         beyond = sky.read(cone.axis, cone.aperture) * as_component(seen.transmittance)
