@@ -10,11 +10,10 @@ from typing import Any
 import OpenEXR
 import pytest
 
-import experiments.report
 import vctgi
 from experiments.cli import main
 from experiments.errors import EXIT_BAD_INPUT, EXIT_DONE, InputError
-from experiments.run import RunOptions
+from experiments.run import RunOptions, run_scene
 from experiments.scenes import LoadedScene
 from experiments.session import list_presets
 from reports.record import Record, load_image, read_record, read_records
@@ -177,7 +176,7 @@ def test_several_presets_share_a_page_and_a_failing_one_is_left_out(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    real_preset, real_run = vctgi.preset, experiments.report.run_scene
+    real_preset, real_run = vctgi.preset, run_scene
 
     def small_preset(name: str) -> RenderConfig:
         config = real_preset(name)
@@ -190,7 +189,7 @@ def test_several_presets_share_a_page_and_a_failing_one_is_left_out(
         return real_run(loaded, options, *rest)
 
     monkeypatch.setattr(vctgi, "preset", small_preset)
-    monkeypatch.setattr(experiments.report, "run_scene", failing_run)
+    monkeypatch.setattr("experiments.report.run_scene", failing_run)
     output = tmp_path / "out"
     presets = ["--preset", "peer:godot_lq", "--preset", "medium,peer:crassin:published"]
     arguments = ["report", str(write_scene(tmp_path)), "--output", str(output), *presets]

@@ -182,3 +182,20 @@ def test_a_picture_is_enlarged_by_whole_pixels(page: Path, tmp_path: Path) -> No
         getComputedStyle(image).imageRendering];
     """
     assert probed(page, tmp_path / "profile", script) == [True, 0, True, "pixelated"]
+
+
+def test_a_link_to_a_folded_record_opens_it(write: Write, tmp_path: Path) -> None:
+    paths = [
+        write(record_id=f"r{n}", preset=preset) for n, preset in enumerate(("high", "peer:compix"))
+    ]
+    page = write_accuracy_report(paths, tmp_path / "page.html")
+    found = probed(
+        page,
+        tmp_path / "profile",
+        "const records = [...document.querySelectorAll('details.record')];"
+        "const before = records.map((record) => record.open);"
+        "document.querySelector('.method h4 a').click();"
+        "await new Promise((done) => setTimeout(done, 200));"
+        "return [before, records.map((record) => record.open)];",
+    )
+    assert found == [[False, False], [True, False]]

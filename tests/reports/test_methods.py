@@ -17,7 +17,7 @@ from reports.label_places import Box, place_labels
 from reports.markdown import markdown_summary
 from reports.method_plot import method_svg
 from reports.methods import compare, grouped
-from reports.pictures import error_scale, reduced, signed_map
+from reports.pictures import Floats, error_scale, reduced, signed_map
 from reports.record import FrameCost, MetricValue, Record, read_record
 from reports.schema import Interval
 from tests.reports.test_accuracy import Page, assert_loads_nothing
@@ -140,7 +140,7 @@ def test_one_record_a_scene_is_no_comparison(write: Write) -> None:
 
 
 def test_all_errors_have_one_scale_and_one_wild_method_does_not_set_it(
-    write: Write, pictures: Callable[[int, int], dict[str, np.ndarray]]
+    write: Write, pictures: Callable[[int, int], dict[str, Floats]]
 ) -> None:
     paths = written(write)
     records = [(path, read_record(path)) for path in paths]
@@ -148,8 +148,9 @@ def test_all_errors_have_one_scale_and_one_wild_method_does_not_set_it(
     assert {m.error.scale for m in found.methods if m.error is not None} == {found.scale}
     error = pictures(48, 32)["error"]
     assert found.scale == error_scale([error])
-    assert error_scale([error, error, 1000.0 * error]) == found.scale
-    wild = signed_map(1000.0 * error, found.scale)
+    wild_error = np.asarray(1000.0 * error, np.float32)
+    assert error_scale([error, error, wild_error]) == found.scale
+    wild = signed_map(wild_error, found.scale)
     assert wild.scale == found.scale
     assert wild.exceeding_share > 0.5
 

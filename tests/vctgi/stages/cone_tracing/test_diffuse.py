@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import mitsuba as mi
 import numpy as np
 import pytest
 
@@ -14,7 +15,7 @@ from experiments.studies.peers.harmonics import even_normals
 from tests.vctgi.hand_made_volumes import emittance_of, opacity_of, random_values
 from vctgi.clipmap.levels import lay_out_clipmap
 from vctgi.clipmap.storage import VoxelVolume, pack_volume
-from vctgi.maths.peer_cones import PEER_CONE_SETS
+from vctgi.maths.peer_cones import PEER_CONE_SETS, peer_cone_set
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig, trace_diffuse
 from vctgi.stages.cone_tracing.march import ConeMarchConfig
 
@@ -117,3 +118,13 @@ def test_cones_of_the_world_see_the_same_in_a_mirrored_world() -> None:
 def test_sets_that_make_no_sense_are_refused(fields: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         DiffuseConesConfig(**fields)
+
+
+@pytest.mark.parametrize("name", PEER_CONE_SETS)
+def test_a_ray_that_met_nothing_gathers_nothing(name: str) -> None:
+    at = receivers(np.zeros((2, 3)), np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]))
+    at.is_valid = mi.Bool([True, False])
+    config = replace(STILL, cone_set=name, cone_count=peer_cone_set(name).cone_count)
+    found = np.array(trace_diffuse(at, glowing_fog(), config))
+    assert (found[:, 0] > 0.0).all()
+    assert (found[:, 1] == 0.0).all()

@@ -143,6 +143,6 @@ def test_a_sum_beyond_32_bits_is_right() -> None:
     count = 1 << 12
     tally = SampleTally()
     zeros = dr.zeros(mi.Color3f, count)
-    sample = ConeSample(zeros, zeros.x, dr.full(mi.UInt32, 0xFFFFFFFF, count))
+    sample = ConeSample(zeros, dr.zeros(mi.Float, count), dr.full(mi.UInt32, 0xFFFFFFFF, count))
     tally.add(sample, dr.full(mi.Bool, True, count))
     assert tally.sample_count == count * 0xFFFFFFFF
