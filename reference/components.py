@@ -109,7 +109,7 @@ def trace_rest(tracer: Tracer, sampler: mi.Sampler, pixels: mi.UInt32) -> dict[s
         sent_on, weight, _sample = _scatter(si, sent_on, sampler, active & si.is_valid())
         throughput *= weight
         active &= dr.any(throughput != 0.0)
-    incident = _light_scattered(-1, scene, sampler, sent_on, active)
+    incident = light_scattered(-1, scene, sampler, sent_on, active)
     rest = dr.select(active, throughput * incident, mi.Spectrum(0.0))
     if tracer.is_split_by_count:
         return _by_lobe(tracer, "rest", "", rest, diffuse_share)
@@ -169,7 +169,7 @@ def _emission(scene: mi.Scene, si: mi.SurfaceInteraction3f) -> mi.Spectrum:
     return si.emitter(scene).eval(si)
 
 
-def _light_scattered(
+def light_scattered(
     max_depth: int, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: Bool
 ) -> mi.Spectrum:
     """Radiance along a ray by `path`, less the emission met; undefined where not active.
@@ -188,7 +188,7 @@ def _indirect(
     """Scattered light along the second ray, by what the names of its components end with."""
     if not tracer.is_split_by_count:
         count = tracer.scattering_count
-        return {"": _light_scattered(count, tracer.scene, sampler, ray, active)}
+        return {"": light_scattered(count, tracer.scene, sampler, ray, active)}
     met = {}
     before = _emission(tracer.scene, tracer.scene.ray_intersect(ray, active))
     for count in range(2, tracer.scattering_count + 1):
