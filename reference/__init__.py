@@ -6,6 +6,7 @@ from reference.cache import default_cache_directory as default_cache_directory
 from reference.denoised import DenoisedFrame as DenoisedFrame
 from reference.denoised import DenoiserMissingError as DenoiserMissingError
 from reference.denoised import render_denoised as render_denoised
+from reference.noise import LEAST_FACTOR as LEAST_FACTOR
 from reference.noise import NoiseFloor as NoiseFloor
 from reference.noise import NoisyReferenceError as NoisyReferenceError
 from reference.noise import noise_floor as noise_floor

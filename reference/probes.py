@@ -151,13 +151,14 @@ def _pass(
     normal = dr.gather(mi.Vector3f, mi.Vector3f(np.ascontiguousarray(normals.T)), probe)
     # Mitsuba offsets the rays of a surface interaction along its normal
     si = dr.zeros(mi.SurfaceInteraction3f, lane_count)
-    si.t = dr.full(mi.Float, 1.0, lane_count)
+    # Any finite distance makes the interaction valid
+    si.t = sampler.next_1d()
     si.p, si.n, si.sh_frame = position, mi.Normal3f(normal), mi.Frame3f(normal)
     everywhere = si.is_valid()
 
     sample, weight = scene.sample_emitter_direction(si, sampler.next_2d(), True, everywhere)
-    cosine = mi.Float(dr.maximum(dr.dot(normal, mi.Vector3f(sample.d)), 0.0))
-    direct = dr.select(cosine > 0.0, mi.Color3f(weight) * cosine, 0.0)
+    cosine = si.to_local(sample.d).z
+    direct = dr.select(cosine > 0.0, weight * cosine, mi.Spectrum(0.0))
 
     direction = si.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
     ray = si.spawn_ray(direction)

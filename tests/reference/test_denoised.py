@@ -1,4 +1,4 @@
-"""Denoised path tracing is closer to the truth than what it started from; a missing extra says so."""
+"""Denoised path tracing beats what it started from; without the extra it says how to get it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ import pytest
 from reference import DenoiserMissingError, render_denoised
 from tests.reference import reference_scenes as scenes
 
-LEAST_GAIN = 3.0
-"""Squared error before over after; measured 8 at 4 paths a pixel of a 64 x 64 Cornell box."""
+LEAST_GAIN = 5.0
+"""Median over pixels of the squared error, before over after; measured 11 at 4 paths a pixel of a
+64 x 64 Cornell box and 6 at 16. The mean falls only to 0.78 and 0.25: what is left of it lies at
+the edge of the lamp, which a denoiser smears over a few pixels."""
 SAMPLES = 4
 TRUTH_SAMPLES = 1024
 
@@ -31,13 +33,9 @@ def test_the_denoiser_takes_most_of_the_error_away() -> None:
     frame = render_denoised(scene, samples_per_pixel=SAMPLES, scattering_count=2)
     path: Any = mi.load_dict({"type": "path", "max_depth": 3})
     truth = np.array(mi.render(scene, integrator=path, spp=TRUTH_SAMPLES, seed=mi.UInt32(9)))
-    # The lamp itself is so bright that it would be all of the error
-    dim = truth.max(axis=-1) < 1.0
-
-    def error(image: np.ndarray) -> float:
-        return float(np.mean((image - truth)[dim] ** 2))
-
-    assert error(frame.image) * LEAST_GAIN < error(frame.noisy)
+    before, after = (np.mean((image - truth) ** 2, axis=-1) for image in (frame.noisy, frame.image))
+    assert np.median(after) * LEAST_GAIN < np.median(before)
+    assert after.mean() < before.mean()
     assert frame.image.dtype == np.float32
     assert frame.image.shape == frame.noisy.shape == truth.shape
     assert np.isfinite(frame.image).all()
