@@ -160,7 +160,7 @@ def reference(  # noqa: PLR0913 - the options of a command
         int | None,
         Parameter(
             name="--spp",
-            help="Paths a pixel, 512 if left out; with --target-relmse the most, 65536 if left out.",
+            help="Paths a pixel, 512 if left out; with --target-relmse at most so many, or 65536.",
         ),
     ] = None,
     target_relmse: Annotated[

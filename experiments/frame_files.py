@@ -1,8 +1,8 @@
 """`vctgi render`: one picture as a multi-channel EXR file.
 
 Channels: R G B, and `NAME.R` and so on for each component in W m^-2 sr^-1; a frame also has albedo,
-`normal.X`, `depth.Z`. In the mode "ambient" a frame has no light but `ambient.Y`, and R G B is what even light of radiance
-1 from all around would show: albedo times `ambient.Y`.
+`normal.X`, `depth.Z`. In the mode "ambient" a frame has no light but `ambient.Y`, and R G B is what
+even light of radiance 1 from all around would show: albedo times `ambient.Y`.
 """
 
 from __future__ import annotations
