@@ -182,12 +182,7 @@ def reference(  # noqa: PLR0913 - the options of a command
         options = _options("high", 512 if spp is None else spp, seed, cache)
         line = reference_file(scene, output, resolution, options, variant, sensor)
     else:
-        target = TargetOptions(
-            relmse=target_relmse,
-            most_spp=spp,
-            seed=_at_least("--seed", seed, 0),
-            cache_directory=_cache(cache),
-        )
+        target = TargetOptions(relmse=target_relmse, most_spp=spp, seed=seed, cache=_cache(cache))
         line = reference_to_target(scene, output, resolution, target, variant, sensor)
     print(line)  # noqa: T201 - the command's result
     return EXIT_DONE

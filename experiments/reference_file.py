@@ -34,7 +34,7 @@ class TargetOptions:
     """Paths a pixel that are not exceeded; None is `DEFAULT_MOST_SPP`."""
     seed: int = 0
     """Start of all random numbers."""
-    cache_directory: Path | None = None
+    cache: Path | None = None
     """Where finished batches are kept."""
 
 
@@ -79,13 +79,15 @@ def reference_to_target(
     try:
         target = reference.ReferenceTarget(
             relmse=options.relmse,
-            most_samples_per_pixel=options.most_spp or DEFAULT_MOST_SPP,
+            most_samples_per_pixel=DEFAULT_MOST_SPP
+            if options.most_spp is None
+            else options.most_spp,
             scattering_count=vctgi.RenderConfig().scattering_count,
             seed=options.seed,
         )
     except ValueError as error:
         raise InputError(
-            what=str(error), where="--target-relmse, --spp", remedy="give other numbers"
+            what=str(error), where="--target-relmse, --spp, --seed", remedy="give other numbers"
         ) from error
     loaded = _load(source, output, resolution, variant, sensor)
     with ProgressReport() as progress:
@@ -95,7 +97,7 @@ def reference_to_target(
                 loaded.scene,
                 sensor=loaded.sensor_index,
                 target=target,
-                cache_directory=options.cache_directory,
+                cache_directory=options.cache,
                 progress=lambda share: progress("path tracing", share),
             )
         except reference.NoisyReferenceError as error:

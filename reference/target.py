@@ -53,6 +53,8 @@ class ReferenceTarget:
                 f"ReferenceTarget.most_samples_per_pixel must be at least {least}, the pilot's, "
                 f"got {self.most_samples_per_pixel}."
             )
+        # It checks what it takes over
+        self.request(PILOT_BATCH_SAMPLES, LEAST_BATCHES)
 
     def request(self, batch_samples: int, batch_count: int) -> ReferenceRequest:
         """Return what so many batches amount to."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from experiments import progress as module
 from experiments.progress import ProgressReport, time_text
 
 
@@ -12,7 +11,7 @@ def test_a_step_says_its_share_and_the_time_left(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     now = 100.0
-    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+    monkeypatch.setattr("experiments.progress.time.monotonic", lambda: now)
     with ProgressReport() as progress:
         progress.start_scene("a room", 1, 1)
         # A fifth was on disk; what follows takes 60 s a fifth

@@ -12,7 +12,7 @@ import pytest
 
 import reference
 import vctgi
-from tests.oracles.test_white_furnace import ALBEDO, EMISSION, GAIN, MEAN_FURNACE, RESOLUTION
+from tests.oracles.test_white_furnace import ALBEDO, EMISSION, MEAN_FURNACE, RESOLUTION
 from tests.oracles.test_white_furnace import assert_furnace as assert_share
 from tests.vctgi.small_scenes import area_light, camera, diffuse, load, room
 from tests.vctgi.surface_points import points_in_room
