@@ -164,22 +164,40 @@ def render(  # noqa: PLR0913 - the options of a command
 
 
 @app.command
-def reference(
+def reference(  # noqa: PLR0913 - the options of a command
     scene: str,
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     resolution: Resolution | None = None,
-    spp: Spp = 512,
+    spp: Annotated[
+        int | None,
+        Parameter(
+            name="--spp",
+            help="Paths a pixel, 512 if left out; with --target-relmse at most so many, or 65536.",
+        ),
+    ] = None,
+    target_relmse: Annotated[
+        float | None,
+        Parameter(help="Add batches until the noise of the mean, as a relMSE, is below this."),
+    ] = None,
     seed: int = 0,
     variant: Variant = None,
     sensor: Sensor = 0,
     cache: Cache = None,
 ) -> int:
-    """Render the path-traced truth to a multi-channel EXR file, with a variance per component."""
-    from experiments.frame_files import reference_file
+    """Render the path-traced truth to a multi-channel EXR file, with a variance per component.
 
-    options = _options("high", spp, seed, cache)
-    reference_file(scene, output, resolution, options, variant, sensor)
+    Finished batches are kept, so that a run which was stopped goes on where it was.
+    """
+    from experiments.reference_file import TargetOptions, reference_file, reference_to_target
+
+    if target_relmse is None:
+        options = _options("high", 512 if spp is None else spp, seed, cache)
+        line = reference_file(scene, output, resolution, options, variant, sensor)
+    else:
+        target = TargetOptions(relmse=target_relmse, most_spp=spp, seed=seed, cache=_cache(cache))
+        line = reference_to_target(scene, output, resolution, target, variant, sensor)
+    print(line)  # noqa: T201 - the command's result
     return EXIT_DONE
 
 

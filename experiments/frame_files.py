@@ -1,9 +1,8 @@
-"""`vctgi render` and `vctgi reference`: one picture as a multi-channel EXR file.
+"""`vctgi render`: one picture as a multi-channel EXR file.
 
 Channels: R G B, and `NAME.R` and so on for each component in W m^-2 sr^-1; a frame also has albedo,
-`normal.X`, `depth.Z`; a reference has `variance_NAME.R`, the variance of each component's mean.
-In the mode "ambient" a frame has no light but `ambient.Y`, and R G B is what even light of radiance
-1 from all around would show: albedo times `ambient.Y`.
+`normal.X`, `depth.Z`. In the mode "ambient" a frame has no light but `ambient.Y`, and R G B is what
+even light of radiance 1 from all around would show: albedo times `ambient.Y`.
 """
 
 from __future__ import annotations
@@ -15,16 +14,10 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 
-import reference
 import vctgi
 from experiments.errors import InputError
 from experiments.progress import ProgressReport
-from experiments.run import (
-    RunOptions,
-    component_images,
-    reference_request,
-    surface_images,
-)
+from experiments.run import component_images, surface_images
 from experiments.scenes import LoadedScene, load_scene
 from experiments.session import find_preset, start_mitsuba, writable_file, writable_folder
 from experiments.voxel_folder import write_voxel_folder
@@ -62,7 +55,7 @@ def render_frame_file(  # noqa: PLR0913 - the options of a command
         Bad input, such as a `debug` that is none of `DEBUG_NAMES`.
     """
     find_preset(preset)
-    _require_exr(output)
+    require_exr(output)
     if debug is not None and debug not in DEBUG_NAMES:
         raise InputError(
             what=f"no debug pictures of '{debug}'",
@@ -127,36 +120,7 @@ def _reconstruction_lines(config: vctgi.RenderConfig, frame: Frame) -> list[str]
     ]
 
 
-def reference_file(
-    source: str,
-    output: Path,
-    resolution: int | None,
-    options: RunOptions,
-    variant: str | None,
-    sensor: int,
-) -> None:
-    """Render the components of the reference to an EXR file."""
-    _require_exr(output)
-    start_mitsuba(variant)
-    loaded = load_scene(source, resolution=resolution, sensor_index=sensor)
-    writable_file(output)
-    with ProgressReport() as progress:
-        progress.start_scene(loaded.title, 1, 1)
-        truth = reference.render_reference(
-            loaded.scene,
-            sensor=loaded.sensor_index,
-            request=reference_request(options, vctgi.preset(options.preset)),
-            cache_directory=options.cache_directory,
-            progress=lambda share: progress("path tracing", share),
-        )
-    channels = {"": truth.mean("image")}
-    for name in truth.components:
-        channels[name] = truth.mean(name)
-        channels[f"variance_{name}"] = truth.variance_of_mean(name)
-    write_channels(output, channels, {"request": asdict(truth.request), "key": truth.key})
-
-
-def _require_exr(output: Path) -> None:
+def require_exr(output: Path) -> None:
     """Refuse a name that promises another format."""
     if output.suffix.lower() != ".exr":
         raise InputError(

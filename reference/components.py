@@ -10,6 +10,10 @@ sample sends on:
 - `indirect` is the BSDF weight times (`path(k)` along the second ray less the emission which
   that ray meets: that light is part of `direct`);
 - `rest` sends the ray on k times and takes all of `path(-1)` less the emission met.
+
+Where every number of scatterings is wanted on its own, `path(j)` less `path(j - 1)` along the
+second ray, drawn from copies of one sampler, is the light of exactly j scatterings: the limit on
+the depth cuts a path short and changes nothing before it.
 """
 
 from __future__ import annotations
@@ -38,6 +42,8 @@ class Tracer:
     scattering_count: int
     has_specular: bool
     """Whether any BSDF of the scene has a lobe that is not diffuse."""
+    is_split_by_count: bool = False
+    """As in `ReferenceRequest`."""
 
 
 class TracePass(Protocol):
@@ -67,7 +73,7 @@ def trace_components(
     -------
     dict
         `emission`, `direct`, `indirect_diffuse` and, if the scene has such lobes,
-        `indirect_specular`; per lane, W m^-2 sr^-1.
+        `indirect_specular`, or these for each number of scatterings; per lane, W m^-2 sr^-1.
     """
     scene = tracer.scene
     ray, importance = _camera_ray(tracer.sensor, sampler, pixels)
@@ -81,11 +87,9 @@ def trace_components(
     # -------------------- two to k scatterings --------------------
     sent_on, weight, diffuse_share = _scatter_first(tracer, sampler, si, ray)
     active = dr.any(weight != 0.0)
-    incident = _light_scattered(tracer.scattering_count, scene, sampler, sent_on, active)
-    indirect = dr.select(active, importance * weight * incident, mi.Spectrum(0.0))
-    samples["indirect_diffuse"] = indirect * diffuse_share
-    if tracer.has_specular:
-        samples["indirect_specular"] = indirect * (1.0 - diffuse_share)
+    for ending, incident in _indirect(tracer, sampler, sent_on, active).items():
+        indirect = dr.select(active, importance * weight * incident, mi.Spectrum(0.0))
+        samples |= _by_lobe(tracer, "indirect", ending, indirect, diffuse_share)
     return samples
 
 
@@ -95,16 +99,21 @@ def trace_rest(tracer: Tracer, sampler: mi.Sampler, pixels: mi.UInt32) -> dict[s
     Parameters and units as in `trace_components`; Russian roulette is the path integrator's own.
     """
     scene = tracer.scene
-    camera_ray, throughput = _camera_ray(tracer.sensor, sampler, pixels)
-    ray = mi.Ray3f(camera_ray)
+    ray, importance = _camera_ray(tracer.sensor, sampler, pixels)
+    si = scene.ray_intersect(mi.Ray3f(ray), dr.any(importance != 0.0))
+    sent_on, weight, diffuse_share = _scatter_first(tracer, sampler, si, ray)
+    throughput = importance * weight
     active = dr.any(throughput != 0.0)
-    for _ in range(tracer.scattering_count):
-        si = scene.ray_intersect(ray, active)
-        ray, weight, _sample = _scatter(si, ray, sampler, active & si.is_valid())
+    for _ in range(tracer.scattering_count - 1):
+        si = scene.ray_intersect(sent_on, active)
+        sent_on, weight, _sample = _scatter(si, sent_on, sampler, active & si.is_valid())
         throughput *= weight
         active &= dr.any(throughput != 0.0)
-    incident = _light_scattered(-1, scene, sampler, ray, active)
-    return {"rest": dr.select(active, throughput * incident, mi.Spectrum(0.0))}
+    incident = light_scattered(-1, scene, sampler, sent_on, active)
+    rest = dr.select(active, throughput * incident, mi.Spectrum(0.0))
+    if tracer.is_split_by_count:
+        return _by_lobe(tracer, "rest", "", rest, diffuse_share)
+    return {"rest": rest}
 
 
 def heeds_lobe_mask(bsdf: mi.BSDF, probe_count: int = 1024) -> bool:
@@ -160,7 +169,7 @@ def _emission(scene: mi.Scene, si: mi.SurfaceInteraction3f) -> mi.Spectrum:
     return si.emitter(scene).eval(si)
 
 
-def _light_scattered(
+def light_scattered(
     max_depth: int, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: Bool
 ) -> mi.Spectrum:
     """Radiance along a ray by `path`, less the emission met; undefined where not active.
@@ -171,6 +180,35 @@ def _light_scattered(
         scene, sampler, mi.RayDifferential3f(ray), None, active
     )
     return radiance - _emission(scene, scene.ray_intersect(ray, active))
+
+
+def _indirect(
+    tracer: Tracer, sampler: mi.Sampler, ray: mi.Ray3f, active: Bool
+) -> dict[str, mi.Spectrum]:
+    """Scattered light along the second ray, by what the names of its components end with."""
+    if not tracer.is_split_by_count:
+        count = tracer.scattering_count
+        return {"": light_scattered(count, tracer.scene, sampler, ray, active)}
+    met = {}
+    before = _emission(tracer.scene, tracer.scene.ray_intersect(ray, active))
+    for count in range(2, tracer.scattering_count + 1):
+        same_numbers = sampler.clone()
+        up_to_count, _, _ = _path(count).sample(
+            tracer.scene, same_numbers, mi.RayDifferential3f(ray), None, active
+        )
+        met[f"_{count}"] = up_to_count - before
+        before = up_to_count
+    return met
+
+
+def _by_lobe(
+    tracer: Tracer, name: str, ending: str, light: mi.Spectrum, diffuse_share: mi.Spectrum
+) -> dict[str, mi.Spectrum]:
+    """Divide light among the lobes of the first hit; a lobe that no BSDF has is left out."""
+    parts = {f"{name}_diffuse{ending}": light * diffuse_share}
+    if tracer.has_specular:
+        parts[f"{name}_specular{ending}"] = light * (1.0 - diffuse_share)
+    return parts
 
 
 def _scatter(

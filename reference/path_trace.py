@@ -2,36 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import functools
 import hashlib
 import importlib.metadata
 import json
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 import mitsuba as mi
-import numpy as np
 
-from reference.cache import Batch, locked_entry, read_batch, write_batch
-from reference.components import Tracer, heeds_lobe_mask, trace_components, trace_rest
-from reference.passes import (
-    LANES_PER_PASS,
-    check_memory,
-    pass_seed,
-    render_passes,
-    samples_per_pass,
-)
-from reference.request import COMPONENT_NAMES, Reference, ReferenceRequest
-from reference.scene_digest import scene_digest, scene_objects
+from reference.batch_run import check_scene, open_run
+from reference.passes import LANES_PER_PASS, check_memory
+from reference.request import Reference, ReferenceRequest
+from reference.scene_digest import scene_digest
 
 ALGORITHM_VERSION: Final = 2
 """Raised by every change that changes a number, so that no old file is taken for a new one."""
-_COMPONENTS_STREAM: Final = 0
-_REST_STREAM: Final = 1
 
 
 def render_reference(
@@ -68,62 +55,34 @@ def render_reference(
     RuntimeError
         If a sample is not finite.
     """
-    _check_scene(scene, sensor)
-    tracer = Tracer(
-        scene, scene.sensors()[sensor], request.scattering_count, _has_specular_lobe(scene)
-    )
-    width, height = tracer.sensor.film().crop_size()
-    wanted = _wanted(request)
-    check_memory(width * height, request.batch_count, len(wanted))
+    check_scene(scene, sensor)
+    width, height = scene.sensors()[sensor].film().crop_size()
+    check_memory(width * height, request.batch_count, len(request.component_names()))
     key = reference_key(scene, sensor=sensor, request=request)
     meter = _Meter(progress, request.batch_count)
-    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(wanted, (height, width, 3))
-
-    batches: list[Batch] = []
-    read_count = 0
-    notes: list[str] | None = None
-    with contextlib.ExitStack() as stack:
-        entry = None
-        if cache_directory is not None:
-            entry = stack.enter_context(locked_entry(cache_directory, key))
+    batches = []
+    with open_run(scene, sensor, request, key, cache_directory) as run:
         for index in range(request.batch_count):
-            batch = None if entry is None else read_batch(entry, index, shapes)
-            if batch is None:
-                notes = _notes(tracer) if notes is None else notes
-                batch = _render_batch(tracer, request, index, notes, meter)
-                if entry is not None:
-                    write_batch(entry, index, batch)
-            else:
-                read_count += 1
+            batches.append(run.batch(index, meter.advance))
             meter.finish_batch(index)
-            batches.append(batch)
-    return Reference(
-        components={
-            name: np.stack([batch.components[name] for batch in batches]) for name in wanted
-        },
-        key=key,
-        request=request,
-        seconds=sum(batch.seconds for batch in batches),
-        from_cache=read_count == request.batch_count,
-        notes=batches[0].notes,
-    )
+        return run.reference(batches, request)
 
 
-def reference_key(scene: mi.Scene, *, sensor: int = 0, request: ReferenceRequest) -> str:
+def reference_key(
+    scene: mi.Scene, *, sensor: int = 0, request: ReferenceRequest, is_open_ended: bool = False
+) -> str:
     """SHA-256 of all that determines a reference's numbers: 64 hexadecimal digits.
 
     Scene, sensor, request, our algorithm's version, the size of a pass, the variant and the
-    versions of Mitsuba and Dr.Jit.
+    versions of Mitsuba and Dr.Jit. Open-ended, it leaves out the number of batches, on which no
+    batch depends.
     """
     description = {
         "scene": scene_digest(scene),
         "sensor": sensor,
         "integrator": "path, split by scattering count and first lobe, box filter",
         "algorithm": ALGORITHM_VERSION,
-        "request": {
-            **dataclasses.asdict(request),
-            "rest_samples_per_pixel": request.rest_batch_samples_per_pixel * request.batch_count,
-        },
+        "request": _described(request, is_open_ended),
         "lanes_per_pass": LANES_PER_PASS[str(mi.variant())],
         "variant": mi.variant(),
         "mitsuba": importlib.metadata.version("mitsuba"),
@@ -132,97 +91,18 @@ def reference_key(scene: mi.Scene, *, sensor: int = 0, request: ReferenceRequest
     return hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()
 
 
-def _check_scene(scene: mi.Scene, sensor: int) -> None:
-    if mi.variant() not in LANES_PER_PASS:
-        raise ValueError(
-            f"render_reference: variant {mi.variant()!r} is not supported; set one of "
-            f"{list(LANES_PER_PASS)} with mi.set_variant and load the scene again."
-        )
-    count = len(scene.sensors())
-    if not 0 <= sensor < count:
-        raise ValueError(
-            f"render_reference: sensor {sensor} does not exist, the scene has {count}; add a "
-            "sensor or choose another index."
-        )
-
-
-def _has_rest(request: ReferenceRequest) -> bool:
-    return request.rest_batch_samples_per_pixel > 0
-
-
-def _wanted(request: ReferenceRequest) -> list[str]:
-    """List the components that a request leads to."""
-    return [name for name in COMPONENT_NAMES if name != "rest" or _has_rest(request)]
-
-
-def _has_specular_lobe(scene: mi.Scene) -> bool:
-    """Whether any BSDF, nested ones included, scatters in another way than diffusely."""
-    bsdfs = (node for node in scene_objects(scene) if isinstance(node, mi.BSDF))
-    return any(_is_not_only_diffuse(bsdf) for bsdf in bsdfs)
-
-
-def _is_diffuse(bsdf: mi.BSDF) -> bool:
-    return bool(int(bsdf.flags()) & int(mi.BSDFFlags.Diffuse))
-
-
-def _is_not_only_diffuse(bsdf: mi.BSDF) -> bool:
-    return bool(int(bsdf.flags()) & int(mi.BSDFFlags.All) & ~int(mi.BSDFFlags.Diffuse))
-
-
-def _notes(tracer: Tracer) -> list[str]:
-    """List what a reader of this scene's reference should know."""
-    notes = []
-    objects = scene_objects(tracer.scene)
-    if not tracer.has_specular:
-        notes.append("indirect_specular is exactly zero: every BSDF is diffuse.")
-    else:
-        bsdfs = [node for node in objects if isinstance(node, mi.BSDF)]
-        both = [node for node in bsdfs if _is_diffuse(node) and _is_not_only_diffuse(node)]
-        for name in sorted({node.class_name() for node in both if not heeds_lobe_mask(node)}):
-            notes.append(
-                f"{name} does not evaluate its lobes apart: indirect light goes to "
-                "indirect_diffuse or indirect_specular by the lobe that Mitsuba sampled."
-            )
-        if any(int(node.flags()) & int(mi.BSDFFlags.Null) for node in bsdfs):
-            notes.append(
-                "passing a null surface (mask, thin dielectric) counts as a scattering and "
-                "shadow rays stop at it, as in Mitsuba's path."
-            )
-    shapes = (node for node in objects if isinstance(node, mi.Shape))
-    if any(shape.is_medium_transition() for shape in shapes):
-        notes.append("participating media are ignored, as in Mitsuba's path.")
-    if tracer.scattering_count == 1:
-        notes.append("indirect components are exactly zero: scattering_count is 1.")
-    if "BoxFilter" not in str(tracer.sensor.film().rfilter()):
-        notes.append("pixels are averaged with the box filter instead of the scene's own.")
-    return notes
-
-
-def _render_batch(
-    tracer: Tracer, request: ReferenceRequest, index: int, notes: list[str], meter: _Meter
-) -> Batch:
-    """Render one batch; a component that the scene cannot have is zero without being traced."""
-    start = time.perf_counter()
-    width, height = tracer.sensor.film().crop_size()
-    plans = [(trace_components, request.batch_samples_per_pixel, _COMPONENTS_STREAM)]
-    if _has_rest(request):
-        plans.append((trace_rest, request.rest_batch_samples_per_pixel, _REST_STREAM))
-    components = {name: np.zeros((height, width, 3), np.float32) for name in _wanted(request)}
-    sample_total = sum(samples for _, samples, _ in plans)
-    for trace, samples, stream in plans:
-        pass_samples = samples_per_pass(samples, width * height, str(mi.variant()))
-        seeds = [
-            pass_seed(request.seed, index, number, stream)
-            for number in range(samples // pass_samples)
-        ]
-        components |= render_passes(
-            trace,
-            tracer,
-            pass_samples=pass_samples,
-            seeds=seeds,
-            on_pass=functools.partial(meter.advance, pass_samples / sample_total),
-        )
-    return Batch(components=components, notes=notes, seconds=time.perf_counter() - start)
+def _described(request: ReferenceRequest, is_open_ended: bool) -> dict[str, object]:
+    """Return what a key says of a request."""
+    described = dataclasses.asdict(request)
+    described["rest_samples_per_pixel"] = request.rest_batch_samples_per_pixel * request.batch_count
+    # Absent where it changes nothing, so that files from before there was a choice are still found
+    if not request.is_split_by_count:
+        del described["is_split_by_count"]
+    if is_open_ended:
+        described["batch_count"] = None
+        described["samples_per_pixel"] = request.batch_samples_per_pixel
+        described["rest_samples_per_pixel"] = request.rest_batch_samples_per_pixel
+    return described
 
 
 class _Meter:

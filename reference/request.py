@@ -16,6 +16,9 @@ DERIVED_NAMES: Final[dict[str, tuple[str, ...]]] = {
 }
 """Sums of components, formed batch by batch so that their variance knows what is correlated."""
 
+LOBES: Final = ("diffuse", "specular")
+"""Lobes of the first hit."""
+
 LEAST_BATCH_COUNT: Final = 2
 """A variance needs two batches."""
 
@@ -35,6 +38,9 @@ class ReferenceRequest:
     rest_samples_per_pixel: int | None = None
     """Paths for `rest` over all batches, a multiple of `batch_count`; None is a quarter of
     `samples_per_pixel` rounded up to such a multiple, 0 leaves `rest` out."""
+    is_split_by_count: bool = False
+    """Whether indirect light is held for each number of scatterings on its own and `rest` by lobe:
+    `indirect_diffuse_2`, .. `indirect_diffuse_k`, `rest_diffuse`, the same for `specular`."""
 
     def __post_init__(self) -> None:
         self._check_at_least("batch_count", self.batch_count, LEAST_BATCH_COUNT)
@@ -70,13 +76,23 @@ class ReferenceRequest:
             return -(-self.samples_per_pixel // (4 * self.batch_count))
         return self.rest_samples_per_pixel // self.batch_count
 
+    def component_names(self) -> list[str]:
+        """List what is rendered for this request, in the order of the scatterings."""
+        has_rest = self.rest_batch_samples_per_pixel > 0
+        if not self.is_split_by_count:
+            return [name for name in COMPONENT_NAMES if name != "rest" or has_rest]
+        counts = range(2, self.scattering_count + 1)
+        names = ["emission", "direct"]
+        names += [f"indirect_{lobe}_{count}" for count in counts for lobe in LOBES]
+        return names + [f"rest_{lobe}" for lobe in LOBES if has_rest]
+
 
 @dataclass(kw_only=True)
 class Reference:
     """Path-traced components of one view, as batches with independent seeds."""
 
     components: dict[str, np.ndarray]
-    """By the names in `COMPONENT_NAMES`: float32 `[batch, y, x, rgb]`, W m^-2 sr^-1; `rest` is
+    """By `ReferenceRequest.component_names`: float32 `[batch, y, x, rgb]`, W m^-2 sr^-1; `rest` is
     missing if the request left it out."""
     key: str
     """SHA-256 of all that determines the numbers, 64 hexadecimal digits."""
@@ -90,27 +106,51 @@ class Reference:
     without an exact lobe split, conventions of the scene that were overridden."""
 
     def batches(self, name: str) -> np.ndarray:
-        """Batches of a component or of a sum in `DERIVED_NAMES`: `[batch, y, x, rgb]`.
+        """Batches of a component or of a sum of some: `[batch, y, x, rgb]`.
+
+        Sums are those of `DERIVED_NAMES`; and, of a reference that is split by count,
+        `indirect_diffuse`, `indirect_specular`, `rest`, and both lobes of j scatterings
+        `indirect_j`. They are formed batch by batch, so that their variance knows what is
+        correlated.
 
         Raises
         ------
         ValueError
             If the reference does not hold that component.
         """
-        parts = DERIVED_NAMES.get(name, (name,))
-        for part in parts:
-            if part not in self.components:
-                known = [*self.components, *DERIVED_NAMES]
-                raise ValueError(
-                    f"Reference.batches: no component named {part!r}, this one holds {known}; "
-                    "`rest` needs ReferenceRequest.rest_samples_per_pixel > 0."
-                )
-        if len(parts) == 1:
+        parts = self._parts(name)
+        if parts == [name]:
             return self.components[name]
-        total = np.zeros(self.components[parts[0]].shape, np.float64)
+        total = np.zeros(next(iter(self.components.values())).shape, np.float64)
         for part in parts:
             total += self.components[part]
         return total.astype(np.float32)
+
+    def _parts(self, name: str) -> list[str]:
+        """List the components that a name stands for."""
+        if name in self.components:
+            return [name]
+        if name in DERIVED_NAMES:
+            return [part for each in DERIVED_NAMES[name] for part in self._parts(each)]
+        if self.request.is_split_by_count:
+            stem, _, last = name.rpartition("_")
+            is_one_count = stem == "indirect" and last.isdecimal()
+            parts = [
+                part
+                for part in self.components
+                if (is_one_count and part.startswith("indirect_") and part.endswith(f"_{last}"))
+                or part.startswith(f"{name}_")
+            ]
+            # With one scattering there is no indirect light: a sum of no parts
+            is_empty_sum = self.request.scattering_count == 1 and name in DERIVED_NAMES["indirect"]
+            if parts or is_empty_sum:
+                return parts
+        known = [*self.components, *DERIVED_NAMES]
+        raise ValueError(
+            f"Reference.batches: no component named {name!r}, this one holds {known}; "
+            "`rest` needs ReferenceRequest.rest_samples_per_pixel > 0, light of exactly j "
+            "scatterings needs is_split_by_count."
+        )
 
     def mean(self, name: str) -> np.ndarray:
         """Mean over the batches: float64 `[y, x, rgb]`, W m^-2 sr^-1."""

@@ -15,5 +15,6 @@ from vctgi.pipeline import accumulate_frame as accumulate_frame
 from vctgi.pipeline import light_volume as light_volume
 from vctgi.pipeline import prepare_scene as prepare_scene
 from vctgi.pipeline import render_frame as render_frame
+from vctgi.probes import probe_irradiance as probe_irradiance
 
 _register()

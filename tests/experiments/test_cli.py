@@ -353,6 +353,26 @@ def test_render_and_reference_write_named_channels(variant: str, tmp_path: Path)
         assert {"R", "emission.R", "variance_indirect_diffuse.B"} <= set(file.channels())
 
 
+def test_a_reference_is_rendered_to_a_noise_target(
+    variant: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "truth.exr"
+    common = ["reference", str(write_scene(tmp_path)), "-o", str(output), "--resolution", "32"]
+    common += ["--cache", str(tmp_path / "cache")]
+    assert main([*common, "--target-relmse", "0.02"]) == EXIT_DONE
+    shown = capsys.readouterr().out
+    assert "paths a pixel, noise relMSE" in shown
+    assert "enough for differences from" in shown
+    with OpenEXR.File(str(output), separate_channels=True) as file:
+        assert {"R", "emission.R", "variance_rest.B"} <= set(file.channels())
+    assert main([*common, "--target-relmse", "1e-9", "--spp", "128"]) == EXIT_BAD_INPUT
+    line = refused_line(capsys)
+    assert "more than the 128 that are allowed" in line
+    assert "raise --spp or --target-relmse" in line
+    assert main([*common, "--target-relmse", "0"]) == EXIT_BAD_INPUT
+    assert "relmse must be above 0" in refused_line(capsys)
+
+
 def test_a_record_names_how_to_make_it_again(variant: str, tmp_path: Path) -> None:
     output = tmp_path / "out"
     cache = ["--cache", str(tmp_path / "cache")]
