@@ -91,15 +91,14 @@ class Effort:
         Independent renderings, >= 5.
     marched_rays, traced_rays
         Camera rays a pixel with exact pixels, with and without a march.
-    frames
-        Frames averaged with sparse pixels and any exact ray, which are noisy; the renderer as it is
-        has one, because its noise is its own.
+    sparse_repeats
+        Rays a cone with sparse pixels and any exact ray, of which few are traced.
     """
 
     batch_count: int
     marched_rays: int
     traced_rays: int
-    frames: int
+    sparse_repeats: int
 
 
 def render_batches(
@@ -117,18 +116,12 @@ def render_batches(
         cones=config.diffuse,
         scattering_count=config.scattering_count - 1,
         exact=exact,
+        repeat_count=1 if exact.pixels else effort.sparse_repeats,
     )
-    frames = 1
-    if not exact.pixels and (exact.visibility or exact.radiance):
-        frames = effort.frames
     rays = effort.traced_rays if exact.visibility else effort.marched_rays
     found = []
     for batch in range(effort.batch_count):
-        pictures = [
-            _render(prepared, config, gather, batch * frames + frame, rays)
-            for frame in range(frames)
-        ]
-        found.append(np.mean(pictures, axis=0))
+        found.append(_render(prepared, config, gather, batch, rays))
         progress((batch + 1) / effort.batch_count)
     return np.array(found)
 

@@ -34,8 +34,8 @@ EDGE = (48, 20)
 """Pixels along the longer edge, in the whole study and in the quick one."""
 
 EFFORT = (
-    Effort(batch_count=8, marched_rays=2, traced_rays=32, frames=4),
-    Effort(batch_count=8, marched_rays=1, traced_rays=32, frames=1),
+    Effort(batch_count=8, marched_rays=4, traced_rays=32, sparse_repeats=16),
+    Effort(batch_count=8, marched_rays=1, traced_rays=32, sparse_repeats=8),
 )
 
 PATH_COUNT = 2048
