@@ -42,7 +42,7 @@ def _holds(estimate: Estimate, value: float, widths: float = 1.0) -> bool:
     return abs(estimate.value - value) <= widths * half + ROUNDING
 
 
-def test_energy_of_stages_that_multiply():
+def test_energy_of_stages_that_multiply() -> None:
     """Without noise each share is the difference of products, in both orders."""
     found = _attribute("energy", 0.0)
     products = [FACTORS[n:].prod() for n in range(4)]
@@ -56,7 +56,7 @@ def test_energy_of_stages_that_multiply():
     assert found.end.value == pytest.approx(0.0, abs=ROUNDING)
 
 
-def test_relmse_of_one_stage():
+def test_relmse_of_one_stage() -> None:
     """A factor of 1.2 on the only wrong stage owns (0.2 R)^2 / (R^2 + eps), in either order."""
     truth = _truth(0.0, 0)
     exact = [truth] * 3
@@ -74,7 +74,7 @@ def test_relmse_of_one_stage():
 
 
 @pytest.mark.parametrize("kind", ["energy", "relmse"])
-def test_shares_add_up(kind: ErrorKind):
+def test_shares_add_up(kind: ErrorKind) -> None:
     """Start, noise, stages and end are one sum, whatever the noise."""
     found = _attribute(kind, 0.3)
     for order in ("forward", "backward"):
@@ -85,7 +85,7 @@ def test_shares_add_up(kind: ErrorKind):
 
 
 @pytest.mark.parametrize("kind", ["energy", "relmse"])
-def test_noise_hardly_moves_shares(kind: ErrorKind):
+def test_noise_hardly_moves_shares(kind: ErrorKind) -> None:
     """Nine of ten intervals of noisy chains hold the share without noise."""
     clean = _attribute(kind, 0.0)
     held = []
@@ -97,7 +97,7 @@ def test_noise_hardly_moves_shares(kind: ErrorKind):
     assert np.mean(held) >= 0.85
 
 
-def test_noise_of_one_frame():
+def test_noise_of_one_frame() -> None:
     """One rendering owns the variance of its noise; with exact stages nothing else is left."""
     noise = 0.2
     truth = _truth(0.02, 0)
@@ -110,7 +110,7 @@ def test_noise_of_one_frame():
 
 
 @pytest.mark.parametrize("kind", ["energy", "relmse"])
-def test_a_planted_fault_does_not_close(kind: ErrorKind):
+def test_a_planted_fault_does_not_close(kind: ErrorKind) -> None:
     """An exact renderer that is 5 % too bright leaves more than its interval."""
     forward, backward = _chains(0.05)
     forward[-1] = 1.05 * forward[-1]
@@ -118,7 +118,7 @@ def test_a_planted_fault_does_not_close(kind: ErrorKind):
     assert found.end.low > 0.0
 
 
-def test_shares_grow_with_their_cause():
+def test_shares_grow_with_their_cause() -> None:
     """The farther a stage is off, the more it owns."""
     truth = _truth(0.05, 0)
     owned = []
@@ -129,7 +129,7 @@ def test_shares_grow_with_their_cause():
     assert owned == sorted(owned)
 
 
-def test_bad_input_is_refused():
+def test_bad_input_is_refused() -> None:
     """Counts, shapes, NaN, too few batches and a black reference each have their message."""
     truth = _truth(0.0, 0)
     good = [truth] * 4

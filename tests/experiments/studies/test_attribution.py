@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -62,7 +63,7 @@ def _truth(prepared: PreparedScene) -> np.ndarray:
     return found.batches("indirect_diffuse").astype(np.float64)
 
 
-def test_nothing_exact_is_the_renderer(box: tuple[PreparedScene, Volumes]):
+def test_nothing_exact_is_the_renderer(box: tuple[PreparedScene, Volumes]) -> None:
     """With no stage replaced, pictures are those of the renderer."""
     prepared, volumes = box
     effort = replace(EFFORT, batch_count=2)
@@ -74,25 +75,24 @@ def test_nothing_exact_is_the_renderer(box: tuple[PreparedScene, Volumes]):
         np.testing.assert_allclose(picture, expected, rtol=1e-5, atol=1e-7)
 
 
-def test_the_ledger_closes(box: tuple[PreparedScene, Volumes], tmp_path):
+def test_the_ledger_closes(box: tuple[PreparedScene, Volumes], tmp_path: Path) -> None:
     """With everything replaced the pictures are the path tracer's, within the noise of both."""
     prepared, _ = box
     start, end = _pictures(box, Exact()), _pictures(box, first_exact(len(STAGES)))
     truth = _truth(prepared)
-    found = {
-        kind: attribute_error(kind, ["all"], [start, end], [start, end], truth)
-        for kind in ("energy", "relmse")
-    }
-    for attribution in found.values():
+    chain = [start, end]
+    energy = attribute_error("energy", ["all"], chain, chain, truth)
+    relmse = attribute_error("relmse", ["all"], chain, chain, truth)
+    for attribution in (energy, relmse):
         half = 0.5 * (attribution.end.high - attribution.end.low)
         # Half an interval is 2.57 standard errors for 6 batches.
         assert abs(attribution.end.value) < STANDARD_ERRORS / 2.57 * half
-    assert found["energy"].end.high - found["energy"].end.low < 0.1
-    write_waterfall(found["energy"], found["relmse"], "box", tmp_path / "box.svg")
+    assert energy.end.high - energy.end.low < 0.1
+    write_waterfall(energy, relmse, "box", tmp_path / "box.svg")
     assert (tmp_path / "box.svg").read_text().count("made exact") >= 1
 
 
-def test_a_fault_of_voxels_stays_with_them(box: tuple[PreparedScene, Volumes]):
+def test_a_fault_of_voxels_stays_with_them(box: tuple[PreparedScene, Volumes]) -> None:
     """Voxels of half the light make half a picture by voxels, and do not touch the exact one."""
     prepared, volumes = box
     opacity = voxelize_scene(prepared, CONFIG).opacity
@@ -110,7 +110,7 @@ def test_a_fault_of_voxels_stays_with_them(box: tuple[PreparedScene, Volumes]):
     np.testing.assert_array_equal(dimmed, _pictures(box, everything, few))
 
 
-def test_orders_meet():
+def test_orders_meet() -> None:
     """Both orders begin with nothing and end with everything; each step changes one stage."""
     assert first_exact(0) == last_exact(0) == Exact()
     assert first_exact(len(STAGES)) == last_exact(len(STAGES))
@@ -120,7 +120,7 @@ def test_orders_meet():
             assert sum(before[name] != after[name] for name in STAGES) == 1
 
 
-def test_what_does_not_matter_is_not_run():
+def test_what_does_not_matter_is_not_run() -> None:
     """A path tracer knows no voxels; 32-bit storage is exact already."""
     assert that_matters(first_exact(len(STAGES)), CONFIG) == Exact(
         pixels=True, directions=True, visibility=True, radiance=True
@@ -128,7 +128,7 @@ def test_what_does_not_matter_is_not_run():
     assert that_matters(Exact(storage=True), CONFIG) == Exact()
 
 
-def test_unknown_cones_are_refused(box: tuple[PreparedScene, Volumes]):
+def test_unknown_cones_are_refused(box: tuple[PreparedScene, Volumes]) -> None:
     """A set of another system has no solid angles of its own."""
     prepared, volumes = box
     with pytest.raises(ValueError, match="ring sets"):
@@ -141,7 +141,7 @@ def test_unknown_cones_are_refused(box: tuple[PreparedScene, Volumes]):
         )
 
 
-def test_rows_are_complete(variant: str):
+def test_rows_are_complete(variant: str) -> None:
     """Every stage has a row in each order, and every scene has one that closes its ledger."""
     names = [check.name for check in checks()]
     assert sum("forward" in name for name in names) == sum("backward" in name for name in names)
