@@ -13,7 +13,7 @@ are averaged over pairs i != j of (V_i - R_i)(V_j - R_j), in which neither noise
 References
 ----------
 Noise-aware products: `metrics.squared_error`; jackknife: `metrics.confidence`. The two orders are
-those of a two-sided ablation; their mean is the Shapley value only for two stages [Shapley1953].
+those of a two-sided ablation; their mean is the value of Shapley (1953) only for two stages.
 """
 
 from __future__ import annotations

@@ -68,7 +68,8 @@ def _waterfall(axes: Axes, found: Attribution, label: str) -> None:
     _whisker(axes, last, found.end.low, found.end.high)
     axes.axvline(0.0, color="black", linewidth=0.8)
     axes.set_yticks(range(len(names)), names)
-    axes.invert_yaxis()
+    # Both panels share the axis, so turning it over must not be done twice.
+    axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlabel(label)
 
 
