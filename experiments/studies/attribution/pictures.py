@@ -72,8 +72,11 @@ def make_volumes(prepared: PreparedScene, config: RenderConfig) -> Volumes:
 def that_matters(exact: Exact, config: RenderConfig) -> Exact:
     """Return the same renderer without the stages that change nothing in it.
 
-    What voxels hold does not matter to a path tracer, nor does their format if it is exact already.
+    What voxels hold does not matter to a path tracer, nor does their format if it is exact already;
+    random places in a pixel leave nothing to interpolate.
     """
+    if exact.pixels:
+        exact = replace(exact, dense=False)
     if exact.visibility and exact.radiance:
         return replace(exact, light=False, storage=False, width=False)
     if config.storage == EXACT_STORAGE:
@@ -147,7 +150,7 @@ def _render(
             place = corner + kronecker_points(dr.opaque(mi.UInt32, number))
         gbuffer = _visible(prepared, config, place, sample_index)
         seeded = partial(gather, seed=seed * SEED_STRIDE + number)
-        if has_exact_pixels or config.reconstruction.sparsity == 1:
+        if has_exact_pixels or gather.exact.dense or config.reconstruction.sparsity == 1:
             incident = seeded(gbuffer)
         else:
             if traced is None or not config.reconstruction.is_traced_once:

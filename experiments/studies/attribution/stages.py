@@ -17,9 +17,11 @@ class Exact:
     light: bool = False
     """Slots hold the mean outgoing radiance of their surfaces, path-traced, in place of what light
     maps bring."""
+    dense: bool = False
+    """Every camera ray gathers light of its own, in place of interpolating that of sparse ones."""
     pixels: bool = False
-    """Camera rays at random places of every pixel, each with light of its own, in place of sparse
-    ones at fixed places."""
+    """Camera rays at random places of every pixel, each with light of its own, in place of a few
+    at fixed places: the whole pixel."""
     width: bool = False
     """Hair-thin rays spread over the solid angle of a cone, in place of the cone."""
     directions: bool = False
@@ -38,7 +40,8 @@ STAGES: tuple[str, ...] = tuple(field.name for field in fields(Exact))
 STAGE_TITLES = {
     "storage": "storage in 32 bits",
     "light": "light maps",
-    "pixels": "sparse pixels",
+    "dense": "sparse pixels",
+    "pixels": "few rays a pixel",
     "width": "width of cones",
     "directions": "directions of cones",
     "visibility": "visibility by voxels",
