@@ -22,7 +22,11 @@ from vctgi.stages.slot_surfaces.slots import borrow, sum_in_slots
 POINTS_PER_FACE = 16.0
 """Points on a surface as large as a voxel's face."""
 
-PATHS_PER_POINT = 4
+MOST_PATHS_PER_POINT = 4
+"""Paths that each of them sends out."""
+
+PATHS_PER_LEVEL = 1 << 21
+"""Where there are more points than this, each sends out one path: voxels average many."""
 
 
 def exact_light(
@@ -92,14 +96,15 @@ def _shining_points(
     is_found = mi.Bool(si.is_valid())
     opaque = 1.0 - mi.Float(dr.mean(mi.Color3f(si.bsdf().eval_null_transmission(si))))
     radiance = dr.zeros(mi.Color3f, len(points))
-    for number in range(PATHS_PER_POINT):
+    path_count = min(MOST_PATHS_PER_POINT, max(1, PATHS_PER_LEVEL // len(points)))
+    for number in range(path_count):
         radiance += scattered_radiance(scene, ray, scattering_count, number, is_found)
         dr.eval(radiance)
     samples = SurfaceSamples(
         position=position,
         normal=normal,
         area=dr.select(is_found, area * opaque, 0.0),
-        reflected=mi.Color3f(radiance * as_component(area / PATHS_PER_POINT)),
+        reflected=mi.Color3f(radiance * as_component(area / path_count)),
     )
     dr.eval(samples)
     return samples
