@@ -105,7 +105,7 @@ def render_frame(
         with clock("G-buffer"):
             gbuffer = trace_gbuffer(
                 prepared.scene,
-                _camera_rays(prepared.sensor, place, sample_index),
+                camera_rays(prepared.sensor, place, sample_index),
                 sample_index,
                 config.gbuffer,
                 has_specular=prepared.plan.has_specular,
@@ -230,7 +230,7 @@ SEED_STRIDE = 4096
 """Samples per pixel that one seed may use before it meets the next seed's."""
 
 
-def _camera_rays(
+def camera_rays(
     sensor: mi.Sensor, place: mi.Point2f, sample_index: mi.UInt32
 ) -> mi.RayDifferential3f:
     """Rays through places of the picture, pixels from its upper left corner."""

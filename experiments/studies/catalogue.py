@@ -42,6 +42,10 @@ STUDIES = {
         "experiments.studies.accuracy",
         "How exact is light by cones, with one configuration for all scenes?",
     ),
+    "attribution": StudyEntry(
+        "experiments.studies.attribution",
+        "Which stage owns how much of the error, and does the ledger close?",
+    ),
 }
 """Studies by name."""
 

@@ -126,7 +126,7 @@ def _describe(
             0.0,
         )
     samples = shade_surfaces(scene, surfaces.vertices, level, config.samples_per_face)
-    sums = _borrow(sum_in_slots(samples, index, level, opacity.rule), index, level)
+    sums = borrow(sum_in_slots(samples, index, level, opacity.rule), index, level)
     is_known = sums.covered > 0.0
     per_share = as_component(dr.select(is_known, 1.0 / sums.covered, 0.0))
     voxel = voxel_from_texel(index % dr.opaque(mi.UInt32, level.voxel_count), level)
@@ -198,7 +198,7 @@ def _places(index: mi.UInt32, level: LevelLayout) -> mi.UInt32:
     return place
 
 
-def _borrow(sums: SlotSums, index: mi.UInt32, level: LevelLayout) -> SlotSums:
+def borrow(sums: SlotSums, index: mi.UInt32, level: LevelLayout) -> SlotSums:
     """Give slots that no point fell into what the slots around them found.
 
     Such slots are slivers of coverage, smaller than the spacing of the points.
