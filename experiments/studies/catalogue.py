@@ -42,6 +42,14 @@ STUDIES = {
         "experiments.studies.accuracy",
         "How exact is light by cones, with one configuration for all scenes?",
     ),
+    "leaking": StudyEntry(
+        "experiments.studies.leaking",
+        "How much of the light came through walls, or from the wrong side of them?",
+    ),
+    "banding": StudyEntry(
+        "experiments.studies.banding",
+        "How much of a glossy picture is owed to where marches happen to sample?",
+    ),
 }
 """Studies by name."""
 

@@ -1,0 +1,131 @@
+"""L1: light in a sealed dark room beside a lit one, over the radiance of the lit one's walls.
+
+The truth is 0, so no reference is needed. Walls of several thicknesses, along the lattice and
+across it, and in each level of a clipmap.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from experiments.studies import closed_forms
+from experiments.studies.check import Check, Measured, StudyContext, mean_of
+from experiments.studies.closed_forms import LEAK_SCENE, PLACEMENTS
+from experiments.studies.tracers import Bench
+from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
+from vctgi.config import preset
+
+THICKNESSES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
+"""Of the wall, in voxels of the level that holds it."""
+
+QUICK_THICKNESSES = (0.25, 2.0)
+
+MOST = {
+    "axis": dict(zip(THICKNESSES, (0.05, 0.05, 0.04, 0.02, 0.018, 0.016), strict=True)),
+    "turned": dict(zip(THICKNESSES, (0.12, 0.09, 0.08, 0.06, 0.045, 0.03), strict=True)),
+}
+"""Most light in the dark room for each placement and thickness; from a quarter voxel on, what the
+study "accuracy" asks of the same cones."""
+
+LEVELS = (0, 1, 2)
+LEVEL_THICKNESSES = (0.5, 2.0)
+LEVEL_RESOLUTION = 64
+VOXELS_PER_ROOM = 14
+"""Voxels along an edge of a room in the rows on levels: few enough that the rooms fit between the
+window of the next finer level and the rim of their own."""
+
+VIEWER_VOXELS = 24.0
+"""Distance of the viewer from the rooms there, in voxels of the level that holds them."""
+
+CONES = preset("high").diffuse
+NAME = "17 cones"
+WORDS = 'cones of preset "high", exact light'
+
+BENCH = Bench(name="leaking", tracers={NAME: CONES}, phases=(8, 4))
+
+
+def lay_out_level(_triangles: np.ndarray, level: int) -> ClipmapLayout:
+    """Return a clipmap of which this level, the coarsest one, holds rooms around the origin."""
+    voxel_size = 1.0 / VOXELS_PER_ROOM
+    viewer = VIEWER_VOXELS * voxel_size if level > 0 else 0.0
+    return lay_out_clipmap(
+        (0.0, viewer, 0.0),
+        finest_voxel_size=voxel_size / 2**level,
+        level_count=level + 1,
+        resolution=LEVEL_RESOLUTION,
+    )
+
+
+LEVEL_BENCHES = [
+    Bench(
+        name=f"leaking, level {level}",
+        tracers={NAME: CONES},
+        lay_out=partial(lay_out_level, level=level),
+        phases=(4, 2),
+    )
+    for level in LEVELS
+]
+
+
+def checks() -> list[Check]:
+    """Return the checks of sealed rooms."""
+    found = [
+        Check(
+            name=f"sealed room, wall of {thickness:g} voxels, {placement}",
+            configuration=f"{WORDS}, N = 64",
+            scene=LEAK_SCENE,
+            measure=partial(_ratio, thickness=thickness, placement=placement),
+            limit_high=MOST[placement][thickness],
+            goal=0.0,
+            in_quick=thickness in QUICK_THICKNESSES,
+        )
+        for placement in PLACEMENTS
+        for thickness in THICKNESSES
+    ]
+    found += [
+        Check(
+            name=f"sealed room, wall of {QUICK_THICKNESSES[0]:g} over {QUICK_THICKNESSES[1]:g} "
+            f"voxels, {placement}",
+            configuration=f"{WORDS}; thin walls leak more",
+            scene=LEAK_SCENE,
+            measure=partial(_growth, placement=placement),
+            limit_low=1.0,
+        )
+        for placement in PLACEMENTS
+    ]
+    found += [
+        Check(
+            name=f"sealed room in level {level}, wall of {thickness:g} voxels",
+            configuration=f"{WORDS}, {level + 1} levels of {LEVEL_RESOLUTION}^3, "
+            f"{VOXELS_PER_ROOM} voxels to a room",
+            scene=LEAK_SCENE,
+            measure=partial(_in_level, level=level, thickness=thickness),
+            goal=0.0,
+            in_quick=False,
+        )
+        for level in LEVELS
+        for thickness in LEVEL_THICKNESSES
+    ]
+    return found
+
+
+def ratios(context: StudyContext, thickness: float, placement: str) -> list[float]:
+    """Return the ratio at each phase of the lattice."""
+    return closed_forms.leak(context, BENCH, thickness, placement)[NAME]
+
+
+def _ratio(context: StudyContext, thickness: float, placement: str) -> Measured:
+    return mean_of(ratios(context, thickness, placement))
+
+
+def _growth(context: StudyContext, placement: str) -> Measured:
+    thin, thick = (np.mean(ratios(context, each, placement)) for each in QUICK_THICKNESSES)
+    return Measured(value=float(thin / thick))
+
+
+def _in_level(context: StudyContext, level: int, thickness: float) -> Measured:
+    # The bench counts in voxels of the finest level, of which none holds the rooms.
+    wall = thickness * 2**level
+    return mean_of(closed_forms.leak(context, LEVEL_BENCHES[level], wall, "axis")[NAME])
