@@ -95,7 +95,8 @@ def test_more_leak_is_a_larger_number() -> None:
 def test_noise_of_the_truth_is_no_leak() -> None:
     rows = audit_shares(audit_of(light(), 0.0, noise=NOISE))
     for row in rows.values():
-        assert row.low is not None and row.high is not None
+        assert row.low is not None
+        assert row.high is not None
         assert row.value < 0.1 * NOISE
         assert row.low <= 0.0 or row.value < 0.02 * NOISE
 
@@ -137,7 +138,8 @@ def test_choices_are_unbiased_and_their_intervals_hold_the_truth() -> None:
         picks = rng.uniform(size=(8, 400)) < blocked_part
         row = share_of_choices(np.broadcast_to(weights, picks.shape), picks)
         found.append(row.value)
-        assert row.low is not None and row.high is not None
+        assert row.low is not None
+        assert row.high is not None
         inside += row.low <= truth <= row.high
     assert np.mean(found) == pytest.approx(truth, abs=4.0 * np.std(found) / np.sqrt(200))
     # 190 of 200 nominally, less four standard deviations of a binomial.

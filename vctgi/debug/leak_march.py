@@ -67,8 +67,19 @@ class LeakSample:
 
 @dataclass
 class Cones:
-    """Cones to march: apex, unit axis, footprint over distance, share of the first step, and the
-    distance before which real rays see to them."""
+    """Cones to march.
+
+    Attributes
+    ----------
+    apex, axis
+        World points where they start, and unit directions.
+    ratio
+        Footprint over distance.
+    phase
+        Share of the first step that is taken, (0, 1].
+    t_near
+        Distance before which real rays see to them, world units.
+    """
 
     apex: mi.Point3f
     axis: mi.Vector3f
@@ -200,15 +211,17 @@ def march_with_probes(
             ),
         )
 
-    dark = [mi.Color3f(full, full, full) for _ in range(4)]
     begin = _State(
-        dr.maximum(t_begin, t_start) + full,
-        cones.phase + full,
-        full + 1.0,
-        *dark,
-        full + 0.0,
-        full + 0.0,
-        dr.zeros(mi.UInt32, width),
+        t=dr.maximum(t_begin, t_start) + full,
+        step_share=cones.phase + full,
+        transmittance=full + 1.0,
+        radiance=mi.Color3f(full, full, full),
+        through=mi.Color3f(full, full, full),
+        hidden=mi.Color3f(full, full, full),
+        blocked=mi.Color3f(full, full, full),
+        chosen_t=full + 0.0,
+        chosen_reach=full + 0.0,
+        number=dr.zeros(mi.UInt32, width),
     )
     (end,) = dr.while_loop(state=(begin,), cond=is_running, body=advance, label="leak_march")
     return LeakSample(

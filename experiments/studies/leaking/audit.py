@@ -222,7 +222,7 @@ def _is_chosen_blocked(
     for each, share in zip(found.direction, found.share, strict=True):
         direction = dr.select((u >= below) & (share > 0.0), each, direction)
         below += share
-    cosine = dr.maximum(dr.dot(direction, lanes.axis), NEAR_BEHIND)
+    cosine = dr.maximum(mi.Float(dr.dot(mi.Vector3f(direction), lanes.axis)), NEAR_BEHIND)
     start = offset_from_surface(lanes.apex, lanes.normal, half_extent(scene))
     ray = mi.Ray3f(start, direction)
     length = (marched.chosen_t - marched.chosen_reach) / cosine

@@ -24,6 +24,7 @@ from experiments.studies.leaking.pictures import (
 )
 from metrics.leaking import LeakAudit, audit_shares
 from vctgi.clipmap.storage import VoxelVolume
+from vctgi.pipeline import voxelize_scene
 
 FACTOR = 1.05
 """Energy that a planted fault adds everywhere."""
@@ -82,7 +83,7 @@ def volume_without_partition(edge: int) -> VoxelVolume:
     del description["partition"], description["cut"]
     open_scene = mi.load_dict(description)
     bare = vctgi.prepare_scene(open_scene, open_scene.sensors()[0], config)
-    voxels = vctgi.voxelize_scene(replace(bare, plan=whole.plan), config)
+    voxels = voxelize_scene(replace(bare, plan=whole.plan), config)
     return vctgi.light_volume(whole, config, voxels=voxels).volume
 
 

@@ -45,11 +45,17 @@ and in the quick one."""
 
 RESOLUTION = 64
 
+ROUNDING = 1e-6
+"""Of sums in double precision of numbers in single precision."""
+
 DARK_TRUTH = 1e-9
 """Pixels of sealed_rooms with less true light lie in the dark room."""
 
 MOST_LEAK = {"sealed_rooms": 0.10, "cornell_box": 0.10}
 """Most of the picture's light that may have leaked."""
+
+FAINT = 0.1
+"""Brightest value of the maps of leaks, over that of the light gathered."""
 
 SHARES = ("leak_through", "leak_wrong_face", "leak", "missing_light")
 
@@ -152,17 +158,17 @@ def checks() -> list[Check]:
     """Return the checks of pictures."""
     found = []
     for scene in SCENES:
-        rows: list[tuple[str, Callable[..., Measured], float | None]] = [
-            (f"audit, {share}", partial(_share, share=share), None) for share in SHARES
+        rows: list[tuple[str, Callable[..., Measured]]] = [
+            (f"audit, {share}", partial(_share, share=share)) for share in SHARES
         ]
         rows += [
-            ("audit, hidden from all probes (at least)", partial(_part, part="hidden"), None),
-            ("audit, blocked from a probe (at most)", partial(_part, part="blocked"), None),
-            ("audit by one choice a cone, blocked", _by_choice, None),
-            ("L3, dark_excess", partial(_excess, row="dark_excess"), None),
-            ("L3, missing_energy", partial(_excess, row="missing_energy"), None),
+            ("audit, hidden from all probes (at least)", partial(_part, part="hidden")),
+            ("audit, blocked from a probe (at most)", partial(_part, part="blocked")),
+            ("audit by one choice a cone, blocked", _by_choice),
+            ("L3, dark_excess", partial(_excess, row="dark_excess")),
+            ("L3, missing_energy", partial(_excess, row="missing_energy")),
         ]
-        for title, measure, _ in rows:
+        for title, measure in rows:
             found.append(
                 Check(
                     name=f"{scene}, {title}",
@@ -173,6 +179,17 @@ def checks() -> list[Check]:
                     goal=0.0,
                 )
             )
+    found += [
+        Check(
+            name=f"sealed_rooms, dark room alone, audit, {share}",
+            configuration=f'cones and light of preset "high", N = {RESOLUTION}',
+            scene="built-in sealed_rooms, where all that is gathered has leaked",
+            measure=partial(_dark_share, share=share),
+            limit_low=1.0 - ROUNDING if share == "leak" else None,
+            limit_high=1.0 + ROUNDING if share == "leak" else None,
+        )
+        for share in SHARES[:3]
+    ]
     found.append(
         Check(
             name="sealed_rooms, L1, dark room over lit room",
@@ -226,11 +243,25 @@ def _excess(context: StudyContext, scene: str, row: str) -> Measured:
     return measured(context.once(f"excess of {scene}", compare)[row])
 
 
+def dark_room(audit: LeakAudit) -> np.ndarray:
+    """Return where a picture of sealed_rooms shows the dark room [row, column]."""
+    found: np.ndarray = (audit.truth.mean(axis=0) < DARK_TRUTH) & (
+        audit.gathered.mean(axis=0) > 0.0
+    )
+    return found
+
+
 def _rooms_ratio(context: StudyContext) -> Measured:
     audit = audit_in(context, "sealed_rooms")
     gathered, truth = audit.gathered.mean(axis=0), audit.truth.mean(axis=0)
-    is_dark = (truth < DARK_TRUTH) & (gathered > 0.0)
-    return Measured(value=sealed_room_ratio(gathered[is_dark], gathered[truth >= DARK_TRUTH]))
+    return Measured(
+        value=sealed_room_ratio(gathered[dark_room(audit)], gathered[truth >= DARK_TRUTH])
+    )
+
+
+def _dark_share(context: StudyContext, share: str) -> Measured:
+    audit = audit_in(context, "sealed_rooms")
+    return measured(audit_shares(audit, dark_room(audit))[share])
 
 
 def measured(found: Measurement) -> Measured:
@@ -241,7 +272,7 @@ def measured(found: Measurement) -> Measured:
 def draw_leaks(audit: LeakAudit, path: Path) -> None:
     """Write what was gathered, what of it came through or from a wrong face, and what is missing.
 
-    All of them share one scale, from black to the brightest percent of the light gathered.
+    The scale reaches to the brightest percent of the light gathered, of the parts to a tenth of it.
     """
     gathered = audit.gathered.mean(axis=0)
     parts = {
@@ -257,7 +288,7 @@ def draw_leaks(audit: LeakAudit, path: Path) -> None:
         for axes, (title, values) in zip(
             figure.subplots(1, 5), [*parts.items(), ("leaked share", share)], strict=True
         ):
-            highest = 1.0 if title == "leaked share" else brightest
+            highest = {"leaked share": 1.0, "gathered": brightest}.get(title, FAINT * brightest)
             shown = axes.imshow(values, vmin=0.0, vmax=highest, cmap="magma")
             axes.set_title(title)
             axes.set_axis_off()
