@@ -8,8 +8,8 @@ leaves the surfaces that it truly meets.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import drjit as dr
 import mitsuba as mi
@@ -36,8 +36,12 @@ NEAR_BEHIND = 1e-3
 
 GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 
-Leaving = Callable[[mi.SurfaceInteraction3f, mi.UInt32, int], mi.Color3f]
-"""Radiance that leaves the surfaces that rays met: from hits, lanes and a number for the hash."""
+
+class Leaving(Protocol):
+    """What leaves surfaces towards rays."""
+
+    def __call__(self, si: mi.SurfaceInteraction3f, lane: mi.UInt32, seed: int) -> mi.Color3f:
+        """Return the radiance of the surfaces that rays met; lanes and seed are for hashes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,7 +180,7 @@ def _trace_probes(
     """
     width = dr.width(lanes.ratio)
     lane = dr.arange(mi.UInt32, width)
-    stream = PROBE_STREAM + 16 * seed
+    stream = _stream(seed)
     turn, shift = (random_unit(lane, stream + number) for number in range(2))
     cosine_rim = dr.rsqrt(1.0 + dr.square(0.5 * lanes.ratio))
     frame = mi.Frame3f(lanes.axis)
@@ -216,7 +220,7 @@ def _is_chosen_blocked(
     scene: mi.Scene, lanes: DiffuseLanes, found: _Found, marched: LeakSample, seed: int
 ) -> mi.Bool:
     """Whether a shadow ray, along one of the probes, does not reach each cone's chosen place."""
-    u = random_unit(dr.arange(mi.UInt32, dr.width(lanes.ratio)), PROBE_STREAM + 16 * seed + 2)
+    u = random_unit(dr.arange(mi.UInt32, dr.width(lanes.ratio)), _stream(seed) + 2)
     direction = mi.Vector3f(found.direction[0])
     below = mi.Float(0.0)
     for each, share in zip(found.direction, found.share, strict=True):
@@ -228,6 +232,11 @@ def _is_chosen_blocked(
     length = (marched.chosen_t - marched.chosen_reach) / cosine
     ray.maxt = as_component(length * (1.0 - NEAR_BEHIND))
     return mi.Bool(scene.ray_test(ray, as_mask(length > 0.0)))
+
+
+def _stream(seed: int) -> mi.UInt32:
+    """Return the first hash stream of a batch; opaque, so that all batches share their kernels."""
+    return dr.opaque(mi.UInt32, PROBE_STREAM + 16 * seed)
 
 
 def reflected_light(scene: mi.Scene) -> Leaving:

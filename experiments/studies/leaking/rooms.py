@@ -32,7 +32,7 @@ study "accuracy" asks of the same cones."""
 LEVELS = (0, 1, 2)
 LEVEL_THICKNESSES = (0.5, 2.0)
 LEVEL_RESOLUTION = 64
-VOXELS_PER_ROOM = 14
+VOXELS_PER_ROOM = 12
 """Voxels along an edge of a room in the rows on levels: few enough that the rooms fit between the
 window of the next finer level and the rim of their own."""
 
@@ -49,9 +49,8 @@ BENCH = Bench(name="leaking", tracers={NAME: CONES}, phases=(8, 4))
 def lay_out_level(_triangles: np.ndarray, level: int) -> ClipmapLayout:
     """Return a clipmap of which this level, the coarsest one, holds rooms around the origin."""
     voxel_size = 1.0 / VOXELS_PER_ROOM
-    viewer = VIEWER_VOXELS * voxel_size if level > 0 else 0.0
     return lay_out_clipmap(
-        (0.0, viewer, 0.0),
+        (0.0, VIEWER_VOXELS * voxel_size, 0.0),
         finest_voxel_size=voxel_size / 2**level,
         level_count=level + 1,
         resolution=LEVEL_RESOLUTION,
