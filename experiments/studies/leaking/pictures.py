@@ -17,6 +17,7 @@ import reference
 import vctgi
 from experiments.scenes import load_scene
 from experiments.studies.check import Check, Measured, StudyContext
+from experiments.studies.cornell import PIXEL_PLACE
 from experiments.studies.leaking.audit import PointLight, audit_of, audit_points, reflected_light
 from metrics.leaking import (
     LeakAudit,
@@ -62,7 +63,7 @@ SHARES = ("leak_through", "leak_wrong_face", "leak", "missing_light")
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A scene as a camera sees it, its lit voxels, and what is seen through each pixel's centre."""
+    """A scene as a camera sees it, its lit voxels, and what one ray through each pixel meets."""
 
     edge: int
     prepared: PreparedScene
@@ -110,13 +111,14 @@ def make_picture(name: str, edge: int) -> Picture:
         prepared=prepared,
         volume=volume,
         config=config,
-        gbuffer=_centres(prepared, config, edge),
+        gbuffer=_looked_at(prepared, config, edge),
     )
 
 
-def _centres(prepared: PreparedScene, config: RenderConfig, edge: int) -> GBuffer:
+def _looked_at(prepared: PreparedScene, config: RenderConfig, edge: int) -> GBuffer:
+    # Not through the centres of pixels, which may look exactly at an edge of a room.
     pixel = dr.arange(mi.UInt32, edge * edge)
-    place = mi.Point2f(pixel % edge, pixel // edge) + 0.5
+    place = mi.Point2f(pixel % edge, pixel // edge) + mi.Point2f(*PIXEL_PLACE)
     ray, _ = prepared.sensor.sample_ray_differential(
         as_component(0.0), as_component(0.5), place / edge, mi.Point2f(0.5)
     )

@@ -13,7 +13,7 @@ import numpy as np
 from experiments.studies import closed_forms
 from experiments.studies.check import Check, Measured, StudyContext, mean_of
 from experiments.studies.closed_forms import LEAK_SCENE, PLACEMENTS
-from experiments.studies.tracers import Bench
+from experiments.studies.tracers import Bench, LayOut
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
 from vctgi.config import preset
 
@@ -32,12 +32,15 @@ study "accuracy" asks of the same cones."""
 LEVELS = (0, 1, 2)
 LEVEL_THICKNESSES = (0.5, 2.0)
 LEVEL_RESOLUTION = 64
-VOXELS_PER_ROOM = 12
+VOXELS_PER_ROOM = 8
 """Voxels along an edge of a room in the rows on levels: few enough that the rooms fit between the
-window of the next finer level and the rim of their own."""
+window of the next finer level and where their own fades out."""
 
-VIEWER_VOXELS = 24.0
+VIEWER_VOXELS = 21.5
 """Distance of the viewer from the rooms there, in voxels of the level that holds them."""
+
+RIM_VIEWER_VOXELS = 26.0
+"""The same in the row on the rim of the clipmap: two voxels lie between it and the rooms."""
 
 CONES = preset("high").diffuse
 NAME = "17 cones"
@@ -47,25 +50,37 @@ BENCH = Bench(name="leaking", tracers={NAME: CONES}, phases=(8, 4))
 
 
 def lay_out_level(_triangles: np.ndarray, level: int) -> ClipmapLayout:
-    """Return a clipmap of which this level, the coarsest one, holds rooms around the origin."""
+    """Return a clipmap of which this level, the coarsest one but one, holds rooms at the origin."""
+    return _around_viewer(VIEWER_VOXELS, level, level + 2)
+
+
+def lay_out_rim(_triangles: np.ndarray) -> ClipmapLayout:
+    """Return a single level whose rim is close to rooms at the origin."""
+    return _around_viewer(RIM_VIEWER_VOXELS, 0, 1)
+
+
+def _around_viewer(distance_voxels: float, level: int, level_count: int) -> ClipmapLayout:
     voxel_size = 1.0 / VOXELS_PER_ROOM
     return lay_out_clipmap(
-        (0.0, VIEWER_VOXELS * voxel_size, 0.0),
+        (0.0, distance_voxels * voxel_size, 0.0),
         finest_voxel_size=voxel_size / 2**level,
-        level_count=level + 1,
+        level_count=level_count,
         resolution=LEVEL_RESOLUTION,
     )
 
 
-LEVEL_BENCHES = [
-    Bench(
-        name=f"leaking, level {level}",
-        tracers={NAME: CONES},
-        lay_out=partial(lay_out_level, level=level),
-        phases=(4, 2),
-    )
-    for level in LEVELS
-]
+def _level_bench(name: str, lay_out: LayOut) -> Bench:
+    return Bench(name=f"leaking, {name}", tracers={NAME: CONES}, lay_out=lay_out, phases=(4, 2))
+
+
+LEVEL_BENCHES = {
+    **{
+        f"in level {level}": (_level_bench(f"{level}", partial(lay_out_level, level=level)), level)
+        for level in LEVELS
+    },
+    "at the rim of the only level": (_level_bench("rim", lay_out_rim), 0),
+}
+"""Where the rooms lie, and in which level."""
 
 
 def checks() -> list[Check]:
@@ -96,15 +111,15 @@ def checks() -> list[Check]:
     ]
     found += [
         Check(
-            name=f"sealed room in level {level}, wall of {thickness:g} voxels",
-            configuration=f"{WORDS}, {level + 1} levels of {LEVEL_RESOLUTION}^3, "
+            name=f"sealed room {place}, wall of {thickness:g} voxels",
+            configuration=f"{WORDS}, levels of {LEVEL_RESOLUTION}^3, "
             f"{VOXELS_PER_ROOM} voxels to a room",
             scene=LEAK_SCENE,
-            measure=partial(_in_level, level=level, thickness=thickness),
+            measure=partial(_in_level, place=place, thickness=thickness),
             goal=0.0,
             in_quick=False,
         )
-        for level in LEVELS
+        for place in LEVEL_BENCHES
         for thickness in LEVEL_THICKNESSES
     ]
     return found
@@ -124,7 +139,7 @@ def _growth(context: StudyContext, placement: str) -> Measured:
     return Measured(value=float(thin / thick))
 
 
-def _in_level(context: StudyContext, level: int, thickness: float) -> Measured:
-    # The bench counts in voxels of the finest level, of which none holds the rooms.
-    wall = thickness * 2**level
-    return mean_of(closed_forms.leak(context, LEVEL_BENCHES[level], wall, "axis")[NAME])
+def _in_level(context: StudyContext, place: str, thickness: float) -> Measured:
+    bench, level = LEVEL_BENCHES[place]
+    # The bench counts in voxels of the finest level.
+    return mean_of(closed_forms.leak(context, bench, thickness * 2**level, "axis")[NAME])

@@ -46,7 +46,7 @@ class Rooms:
 
     def leaving(self, si: mi.SurfaceInteraction3f, lane: mi.UInt32, seed: int) -> mi.Color3f:
         """Radiance of the walls, which is constant on each."""
-        is_front = si.is_valid() & (mi.Float(dr.dot(si.n, si.to_world(si.wi))) > 0.0)
+        is_front = si.is_valid() & (mi.Float(dr.dot(mi.Vector3f(si.n), si.to_world(si.wi))) > 0.0)
         seen = dr.gather(mi.Float, self.radiance, si.prim_index, is_front)
         return mi.Color3f(dr.select(is_front, seen, 0.0))
 
