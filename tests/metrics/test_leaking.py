@@ -101,6 +101,24 @@ def test_noise_of_the_truth_is_no_leak() -> None:
         assert row.low <= 0.0 or row.value < 0.02 * NOISE
 
 
+@pytest.mark.parametrize("name", ["leak_through", "leak_wrong_face"])
+def test_intervals_of_an_audit_hold_its_share(name: str) -> None:
+    inside, share = 0, 0.1
+    dark = np.where(light() > 0.0, 0.0, share / (1.0 - share) * light().sum() / (EDGE**2 / 2))
+    for seed in range(100):
+        # Probes see another part of what came through in each batch, a fifth on average.
+        rng = np.random.default_rng(seed)
+        part = 0.2 * dark * rng.gamma(2.0, 0.5, size=(BATCHES, EDGE, EDGE))
+        gathered = np.broadcast_to(light() + dark, part.shape).copy()
+        truth = light() * rng.normal(1.0, NOISE, size=part.shape)
+        row = audit_shares(LeakAudit(gathered=gathered, through=part, truth=truth))[name]
+        assert row.low is not None
+        assert row.high is not None
+        inside += row.low <= share * (0.2 if name == "leak_through" else 0.8) <= row.high
+    # 95 of 100 nominally, less four standard deviations of a binomial.
+    assert inside >= 86, inside
+
+
 def test_a_mask_asks_for_a_part_with_the_gain_of_the_whole() -> None:
     dark = np.broadcast_to(light() == 0.0, (EDGE, EDGE))
     audit = audit_of(1.1 * light(), np.where(dark, 0.3, 0.0))

@@ -95,7 +95,12 @@ def _without_wall(context: StudyContext) -> Measured:
     shape = (picture.edge, picture.edge)
     open_wall = measured(audit_shares(audit_of(batches, shape))["leak_through"])
     closed = measured(audit_shares(audit_in(context, "sealed_rooms"))["leak_through"])
-    return Measured(value=open_wall.value / closed.value)
+    assert open_wall.low is not None
+    assert open_wall.high is not None
+    assert closed.low is not None
+    assert closed.high is not None
+    low, high = open_wall.low / closed.high, open_wall.high / closed.low
+    return Measured(value=open_wall.value / closed.value, low=low, high=high)
 
 
 def _brighter(context: StudyContext) -> Measured:
