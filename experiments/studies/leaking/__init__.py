@@ -6,9 +6,9 @@ The study is the sum of its parts, one module each.
 from __future__ import annotations
 
 from experiments.studies.check import Check
-from experiments.studies.leaking import faults, pictures, rooms
+from experiments.studies.leaking import control, faults, pictures, rooms
 
-PARTS = [rooms.checks, pictures.checks, faults.checks]
+PARTS = [rooms.checks, pictures.checks, control.checks, faults.checks]
 """What is measured, in the order of the table."""
 
 

@@ -117,7 +117,8 @@ def audit_points(
             config.near_field_voxels,
             active,
         )
-        active &= ~near.is_hit
+        # A new array: the probes of the others are wanted too.
+        active = lanes.active & ~near.is_hit
         near_light, reach = near.radiance, near.reach
     found = _trace_probes(scene, lanes, reach, leaving, seed)
     marched = march_with_probes(

@@ -13,9 +13,10 @@ from experiments.studies import scenes
 from experiments.studies.catalogue import checks_of, find_study
 from experiments.studies.exact_voxels import lay_out_window, light_exactly, receivers, scene_of
 from experiments.studies.leaking.audit import PointLight, audit_points
+from experiments.studies.leaking.control import MOST, audit_furnace
 from experiments.studies.leaking.pictures import make_picture
 from experiments.studies.tracers import constant_radiance
-from metrics.leaking import share_of_choices
+from metrics.leaking import audit_shares, share_of_choices
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.peer_cones import PEER_CONE_SETS, peer_cone_set
 from vctgi.scene.records import GBuffer
@@ -145,6 +146,15 @@ def test_a_picture_of_sealed_rooms_is_dark_on_the_right() -> None:
     assert truth[:, 10:].max() == 0.0
     assert truth[:, :5].mean() > 0.0
     assert gathered[:, 10:].max() > 0.0
+
+
+def test_nothing_leaks_in_a_closed_box_of_one_radiance() -> None:
+    audit = audit_furnace(3, 3, is_turned=False)
+    # Each probe sees radiance 1, so also of cones that a near-field ray has ended.
+    np.testing.assert_allclose(audit.truth, 1.0, atol=ROUNDING)
+    rows = audit_shares(audit)
+    assert rows["leak"].value < MOST
+    assert rows["missing_light"].value < MOST
 
 
 def test_cones_of_the_world_are_refused() -> None:
