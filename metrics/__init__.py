@@ -22,7 +22,14 @@ from metrics.energy import energy_ratio as energy_ratio
 from metrics.finite import FiniteCheck as FiniteCheck
 from metrics.finite import check_finite as check_finite
 from metrics.finite import require_finite as require_finite
+from metrics.leaking import LeakAudit as LeakAudit
+from metrics.leaking import audit_shares as audit_shares
+from metrics.leaking import one_sided_excess as one_sided_excess
+from metrics.leaking import sealed_room_ratio as sealed_room_ratio
+from metrics.leaking import share_of_choices as share_of_choices
 from metrics.measurement import Measurement as Measurement
+from metrics.moving_bands import MovingBands as MovingBands
+from metrics.moving_bands import moving_bands as moving_bands
 from metrics.perceptual import FlipResult as FlipResult
 from metrics.perceptual import FlipSettings as FlipSettings
 from metrics.perceptual import flip as flip

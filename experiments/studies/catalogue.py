@@ -46,6 +46,14 @@ STUDIES = {
         "experiments.studies.attribution",
         "Which stage owns how much of the error, and does the ledger close?",
     ),
+    "leaking": StudyEntry(
+        "experiments.studies.leaking",
+        "How much of the light came through walls, or from the wrong side of them?",
+    ),
+    "banding": StudyEntry(
+        "experiments.studies.banding",
+        "How much of a glossy picture is owed to where marches happen to sample?",
+    ),
 }
 """Studies by name."""
 

@@ -120,18 +120,18 @@ def steps_to(
     return steps
 
 
-def glossy_view(context: StudyContext, alpha: float) -> GlossyView:
-    """Return the scene with a GGX floor of this roughness."""
+def glossy_view(context: StudyContext, alpha: float, edge: int | None = None) -> GlossyView:
+    """Return the scene with a GGX floor of this roughness, `EDGE` pixels wide unless told."""
+    edge = EDGE[context.quick] if edge is None else edge
 
     def prepare() -> GlossyView:
-        edge = EDGE[context.quick]
         scene, config = _load(alpha, edge), vctgi.RenderConfig()
         config = replace(config, clipmap=replace(config.clipmap, resolution=RESOLUTION))
         prepared = vctgi.prepare_scene(scene, scene.sensors()[0], config)
         volume = vctgi.light_volume(prepared, config).volume
         return GlossyView(edge, prepared, volume, config)
 
-    return context.once(f"glossy view, {alpha}", prepare)
+    return context.once(f"glossy view, {alpha}, {edge}", prepare)
 
 
 def path_traced_batches(context: StudyContext, alpha: float) -> np.ndarray:

@@ -151,32 +151,15 @@ def _trace_block(
 ) -> mi.Color3f:
     """Gather the light of as many points as fit one pass."""
     points = dr.width(gbuffer.position)
-    # Neighbouring lanes trace the same cone of neighbouring pixels, so that they read alike.
-    lane = dr.arange(mi.UInt32, points * cones.cone_count)
-    point, cone = lane % points, lane // points
-    sample_index = dr.gather(mi.UInt32, gbuffer.sample_index, point)
-    axis_local = mi.Vector3f(
-        *(dr.gather(mi.Float, mi.Float([d[i] for d in cones.directions]), cone) for i in range(3))
-    )
-    ratio = dr.gather(mi.Float, mi.Float([ratio_from_aperture(a) for a in cones.apertures]), cone)
-
-    normal = dr.gather(mi.Vector3f, gbuffer.normal, point)
-    axis = _world_axes(axis_local, normal, sample_index, cones, config)
-    apex = dr.gather(mi.Point3f, gbuffer.position, point)
-    is_reflecting = gbuffer.is_valid & (dr.max(gbuffer.albedo) > 0.0)
-    active = dr.gather(mi.Bool, is_reflecting, point)
-    if cones.frame == "world":
-        active &= dr.dot(axis, normal) > 0.0
-    jitter = random_unit(sample_index, PHASE_STREAM + cone) if config.is_jittered else 0.0
-    phase = mi.Float(1.0 - jitter)
-    if config.normal_offset_voxels > 0.0:
-        apex = _above(volume, apex, normal, config.normal_offset_voxels)
+    lanes = diffuse_lanes(gbuffer, volume, cones, config)
+    point, cone, axis, normal = lanes.point, lanes.cone, lanes.axis, lanes.normal
+    apex, ratio, phase, active = lanes.apex, lanes.ratio, lanes.phase, lanes.active
     if config.near_field_voxels > 0.0:
         assert scene is not None, "the near field traces real rays, so it needs the scene"
         near = trace_near_field(scene, volume, apex, normal, axis, config.near_field_voxels, active)
         if tally is not None:
-            tally.add_rays(active, dr.width(lane))
-        active &= ~near.is_hit
+            tally.add_rays(active, dr.width(point))
+        active = active & ~near.is_hit
         traced = march_cone(volume, apex, axis, ratio, phase, config.march, active, near.reach)
         radiance = dr.select(near.is_hit, near.radiance, traced.radiance)
     else:
@@ -199,6 +182,62 @@ def _trace_block(
         share = config.gain * (1.0 if cones.frame == "world" else weight)
         gathered += share * dr.gather(mi.Color3f, radiance, first + number * points)
     return gathered
+
+
+@dataclass
+class DiffuseLanes:
+    """Diffuse cones, one a lane: all points' first cone, then all points' second one, and so on.
+
+    Attributes
+    ----------
+    point, cone
+        Which point a lane belongs to, and which cone of the set it is.
+    apex, normal, axis
+        Where it starts, the surface's normal there, its unit direction.
+    ratio
+        Footprint over distance.
+    phase
+        Share of the first step that it takes, (0, 1].
+    active
+        Whether it is traced.
+    """
+
+    point: mi.UInt32
+    cone: mi.UInt32
+    apex: mi.Point3f
+    normal: mi.Vector3f
+    axis: mi.Vector3f
+    ratio: mi.Float
+    phase: mi.Float
+    active: mi.Bool
+
+
+def diffuse_lanes(
+    gbuffer: GBuffer, volume: VoxelVolume, cones: ConeSet, config: DiffuseConesConfig
+) -> DiffuseLanes:
+    """Return the cones of all points."""
+    points = dr.width(gbuffer.position)
+    # Neighbouring lanes trace the same cone of neighbouring pixels, so that they read alike.
+    lane = dr.arange(mi.UInt32, points * cones.cone_count)
+    point, cone = lane % points, lane // points
+    sample_index = dr.gather(mi.UInt32, gbuffer.sample_index, point)
+    axis_local = mi.Vector3f(
+        *(dr.gather(mi.Float, mi.Float([d[i] for d in cones.directions]), cone) for i in range(3))
+    )
+    ratio = dr.gather(mi.Float, mi.Float([ratio_from_aperture(a) for a in cones.apertures]), cone)
+
+    normal = dr.gather(mi.Vector3f, gbuffer.normal, point)
+    axis = _world_axes(axis_local, normal, sample_index, cones, config)
+    apex = dr.gather(mi.Point3f, gbuffer.position, point)
+    is_reflecting = gbuffer.is_valid & (dr.max(gbuffer.albedo) > 0.0)
+    active = dr.gather(mi.Bool, is_reflecting, point)
+    if cones.frame == "world":
+        active &= dr.dot(axis, normal) > 0.0
+    jitter = random_unit(sample_index, PHASE_STREAM + cone) if config.is_jittered else 0.0
+    phase = mi.Float(1.0 - jitter)
+    if config.normal_offset_voxels > 0.0:
+        apex = _above(volume, apex, normal, config.normal_offset_voxels)
+    return DiffuseLanes(point, cone, apex, normal, axis, ratio, phase, active)
 
 
 def _world_axes(

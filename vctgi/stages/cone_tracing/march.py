@@ -89,8 +89,8 @@ def march_cone(
     # Every loop variable starts at its full width: a one-lane start returns wrong derivatives.
     width = max(dr.width(apex), dr.width(axis))
     full = dr.zeros(mi.Float, width)
-    t_begin, t_end = _march_range(layout, apex, axis, cone_ratio)
-    t_end = _limited(layout, t_end, cone_ratio, config)
+    t_begin, t_end = march_range(layout, apex, axis, cone_ratio)
+    t_end = limited_end(layout, t_end, cone_ratio, config)
     start = config.start_offset_voxels * layout.finest_voxel_size
     next_float: float = 1.0 + dr.epsilon(mi.Float)  # type: ignore[no-untyped-call]
     t_start = dr.maximum(start * dr.exp2(finest_level(layout, apex)), t_near)
@@ -121,7 +121,7 @@ def march_cone(
         # Voxels at one place of the step, between the two levels that enclose the footprint there.
         t_read = dr.fma(config.sample_place, step, t)
         p_read = mi.Point3f(dr.fma(axis, t_read, apex))
-        stopped, seen = _step_at(volume, p_read, axis, cone_ratio * t_read, step, config)
+        stopped, seen = step_at(volume, p_read, axis, cone_ratio * t_read, step, config)
         if config.falloff_length is not None:
             seen = mi.Color3f(stopped * dr.exp(t_read * (-1.0 / config.falloff_length)))
         radiance = dr.fma(as_component(transmittance), seen, radiance)
@@ -145,7 +145,7 @@ def march_cone(
     return ConeSample(radiance, transmittance, step_count)
 
 
-def _step_at(
+def step_at(
     volume: VoxelVolume,
     p_world: mi.Point3f,
     axis: mi.Vector3f,
@@ -153,11 +153,22 @@ def _step_at(
     step: mi.Float,
     config: ConeMarchConfig,
 ) -> tuple[mi.Float, mi.Color3f]:
-    """Share that a step stops and radiance that it adds, interpolated between two levels."""
+    """Return the share that a step stops and the radiance that it adds, between two levels.
+
+    Parameters
+    ----------
+    volume, axis, config
+        As for `march_cone`.
+    p_world
+        Where the voxels are read.
+    footprint
+        Diameter of the cone there, world units.
+    step
+        Length of the step, world units.
+    """
     layout = volume.layout
     last = len(layout.levels) - 1
-    wanted = dr.log2(footprint / layout.finest_voxel_size) + config.level_bias
-    level = mi.Float(dr.clip(dr.maximum(wanted, finest_level(layout, p_world)), 0.0, float(last)))
+    level = level_read(layout, p_world, footprint, config)
     finer = dr.minimum(mi.UInt32(level), max(last - 1, 0))
     coarser = dr.minimum(finer + 1, last)
     blend = level - mi.Float(finer)
@@ -180,7 +191,16 @@ def _step_at(
     return corrected_sample(opacity, emitted, voxels * config.correction_factor, config)
 
 
-def _limited(
+def level_read(
+    layout: ClipmapLayout, p_world: mi.Point3f, footprint: mi.Float, config: ConeMarchConfig
+) -> mi.Float:
+    """Return the fractional level that a cone of this footprint is read from at a point."""
+    wanted = dr.log2(footprint / layout.finest_voxel_size) + config.level_bias
+    last = float(len(layout.levels) - 1)
+    return mi.Float(dr.clip(dr.maximum(wanted, finest_level(layout, p_world)), 0.0, last))
+
+
+def limited_end(
     layout: ClipmapLayout, t_end: mi.Float, cone_ratio: mi.Float, config: ConeMarchConfig
 ) -> mi.Float:
     """Return where cones end that have a limit of their own."""
@@ -229,7 +249,7 @@ def finest_level(layout: ClipmapLayout, p_world: mi.Point3f) -> mi.Float:
     return dr.minimum(level + ramp, float(last))
 
 
-def _march_range(
+def march_range(
     layout: ClipmapLayout, apex: mi.Point3f, axis: mi.Vector3f, cone_ratio: mi.Float
 ) -> tuple[mi.Float, mi.Float]:
     """Return where a cone enters and leaves the coarsest window, or an end of -1 if it misses it.

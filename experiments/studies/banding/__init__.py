@@ -1,0 +1,14 @@
+"""Study "banding": how much of a glossy picture is owed to where marches happen to sample."""
+
+from __future__ import annotations
+
+from experiments.studies.banding import sweeps
+from experiments.studies.check import Check
+
+PARTS = [sweeps.checks]
+"""What is measured, in the order of the table."""
+
+
+def checks() -> list[Check]:
+    """Return the checks of all parts."""
+    return [check for part in PARTS for check in part()]
