@@ -42,6 +42,14 @@ STUDIES = {
         "experiments.studies.accuracy",
         "How exact is light by cones, with one configuration for all scenes?",
     ),
+    "aliasing": StudyEntry(
+        "experiments.studies.aliasing",
+        "Does light flow from voxel to voxel as smoothly as what sends it moves?",
+    ),
+    "flicker": StudyEntry(
+        "experiments.studies.flicker",
+        "Does the light of surfaces hold still while the eye moves?",
+    ),
 }
 """Studies by name."""
 
