@@ -36,7 +36,8 @@ class Motion:
         ``(K - 1, H, W, 2)``: for each frame but the first, the place in the one before, pixels,
         column first; the middle of the first pixel is at (0.5, 0.5).
     is_followed
-        ``(K - 1, H, W)``: whether all four old pixels around it show the same surface.
+        ``(K - 1, H, W)``: whether all four old pixels around it show the same surface, and none of
+        these pixels touches another.
     """
 
     places: NDArray[np.float64]
@@ -73,9 +74,10 @@ def motion_of(places: ArrayLike, positions: ArrayLike, normals: ArrayLike) -> Mo
         )
     for values, name in ((where, "places"), (points, "positions"), (facing, "normals")):
         require_finite(values, name)
+    alone = np.stack([_is_inner(*each) for each in zip(points, facing, strict=True)])
     followed = np.stack(
         [
-            _is_same_surface(where[k], points[k : k + 2], facing[k : k + 2])
+            _is_same_surface(where[k], points[k : k + 2], facing[k : k + 2], alone[k : k + 2])
             for k in range(len(where))
         ]
     )
@@ -193,22 +195,52 @@ def _followed(
 
 
 def _is_same_surface(
-    places: NDArray[np.float64], positions: NDArray[np.float64], normals: NDArray[np.float64]
+    places: NDArray[np.float64],
+    positions: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    is_inner: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
     """Whether the four old pixels around each place lie on the plane of the new one ``(H, W)``."""
     height, width = places.shape[:2]
     (old, new), (old_normal, new_normal) = positions, normals
     corner = np.floor(places - 0.5)
-    last = np.array([width - 2, height - 2])
-    same = ((corner >= 0) & (corner <= last)).all(axis=-1) & new_normal.any(axis=-1)
-    apart, off_plane = np.zeros((height, width)), np.zeros((height, width))
+    same: NDArray[np.bool_] = ((corner >= 0) & (corner <= [width - 2, height - 2])).all(axis=-1)
+    same &= is_inner[1]
+    near = []
     for row, column, _ in _around(places, height, width):
-        between = old[row, column] - new
+        near.append((old[row, column], old_normal[row, column]))
+        same &= is_inner[0][row, column]
+    return same & _is_on_plane(new, new_normal, near)
+
+
+def _is_inner(positions: NDArray[np.float64], normals: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether a pixel and its eight neighbours show one surface ``(H, W)``.
+
+    A pixel that an edge runs through shows a mix of two surfaces, which no motion vector follows.
+    """
+    height, width = positions.shape[:2]
+    points, facing = (
+        np.pad(each, ((1, 1), (1, 1), (0, 0)), mode="edge") for each in (positions, normals)
+    )
+    tiles = [np.s_[y : y + height, x : x + width] for y in range(3) for x in range(3)]
+    return _is_on_plane(positions, normals, [(points[tile], facing[tile]) for tile in tiles])
+
+
+def _is_on_plane(
+    point: NDArray[np.float64],
+    normal: NDArray[np.float64],
+    near: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
+) -> NDArray[np.bool_]:
+    """Whether all points near each of these lie on its plane and face as it does ``(H, W)``."""
+    apart, off_plane = np.zeros(point.shape[:2]), np.zeros(point.shape[:2])
+    fits: NDArray[np.bool_] = normal.any(axis=-1)
+    for other, other_normal in near:
+        between = other - point
         apart = np.maximum(apart, np.linalg.norm(between, axis=-1))
-        off_plane = np.maximum(off_plane, np.abs((between * new_normal).sum(axis=-1)))
-        same &= (old_normal[row, column] * new_normal).sum(axis=-1) > LEAST_COSINE
-    same &= off_plane <= LARGEST_SLOPE * apart
-    return same
+        off_plane = np.maximum(off_plane, np.abs((between * normal).sum(axis=-1)))
+        fits &= (other_normal * normal).sum(axis=-1) > LEAST_COSINE
+    fits &= off_plane <= LARGEST_SLOPE * apart
+    return fits
 
 
 def _around(

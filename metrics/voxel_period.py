@@ -78,8 +78,9 @@ def voxel_period_share(
     -------
     Measurement
         0 where the error is steady, or as likely at any other frequency; below zero where it is at
-        others, which leave the voxel's less than chance would. Noise of the reference is part of the whole energy, less what
-        the jackknife takes off; where it is most of it, the interval is wide.
+        others, which leave the voxel's less than chance would. Noise of the reference is part of
+        the whole energy, less what the jackknife takes off; where it is most of it, the interval
+        is wide.
 
     Raises
     ------

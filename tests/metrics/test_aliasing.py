@@ -40,13 +40,14 @@ class Sweep:
 
     def batches(self, noise: float = NOISE, seed: int = 0) -> NDArray[np.float64]:
         rng = np.random.default_rng(seed)
-        return self.truth * (1.0 + noise * rng.normal(size=(BATCHES, *self.truth.shape)))
+        return self.truth[None] * (1.0 + noise * rng.normal(size=(BATCHES, *self.truth.shape)))
 
     def rippled(self, amplitude: float = AMPLITUDE, period: float = 1.0) -> NDArray[np.float64]:
         """Return the truth and waves, each receiver's with a phase of its own."""
         phase = np.linspace(0.0, 2.0 * np.pi, RECEIVERS, endpoint=False)[None, :, None]
         wave = np.sin(2.0 * np.pi * self.places[:, None, None] / period + phase)
-        return self.truth + amplitude * self.truth.mean() * wave
+        found: NDArray[np.float64] = self.truth + amplitude * self.truth.mean() * wave
+        return found
 
 
 @pytest.fixture(scope="module")

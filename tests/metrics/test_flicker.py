@@ -78,9 +78,10 @@ def test_edges_and_turned_surfaces_are_not_followed() -> None:
     normals[2, :, 20:] = 0.0
     followed = motion_of(slide_places(), points, normals).is_followed
     assert not followed[0, :, 15:].any()
-    assert not followed[0, :, :8].any()
-    assert followed[0, :-1, 8:15].all()
-    assert not followed[1, :, 20:].any()
+    # Nor what lies beside an edge, as one may run through its pixel
+    assert not followed[0, :, :9].any()
+    assert followed[0, :-1, 9:14].all()
+    assert not followed[1, :, 19:].any()
 
 
 def test_flicker_of_known_size(slide: Slide) -> None:

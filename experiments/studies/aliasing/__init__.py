@@ -1,4 +1,4 @@
-"""Study "aliasing": does light flow from voxel to voxel as smoothly as what sends it moves?
+"""Study "aliasing": whether light flows from voxel to voxel as smoothly as what sends it moves.
 
 A lamp, an object, the windows around a viewer and the whole scene are moved in steps of a 16th of a
 voxel, while all that is lit lies in one clip level. See `metrics/aliasing.py` for the measures.

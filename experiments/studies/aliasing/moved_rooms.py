@@ -1,8 +1,9 @@
 """A room in which a lamp, an object, the viewer's windows or everything moves across voxels.
 
-A spot lamp lights a floating cube and the floor around it. All that is lit lies in one clip level
-and in none finer. Receivers are points of the walls, which stand still, so that what they see
-changes as the true light does, and beyond it only by what the voxels do.
+A spot lamp lights the floor, and a floating cube above it unless it is the lamp that moves. All
+that is lit lies in one clip level and in none finer. Receivers are points of the walls, which stand
+still, so that what they see changes as the true light does, and beyond it only by what the voxels
+do.
 """
 
 from __future__ import annotations
@@ -105,29 +106,25 @@ def wall_points(count: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
     return points, normals
 
 
-def moved_scene(whole: np.ndarray, lamp: np.ndarray, cube: np.ndarray) -> mi.Scene:
-    """Return the room with everything, the lamp or the cube moved."""
+def moved_scene(whole: np.ndarray, lamp: np.ndarray, cube: np.ndarray | None) -> mi.Scene:
+    """Return the room with everything, the lamp or the cube moved, or without a cube."""
     outer = placement(whole, is_turned=False)
     above = LIT + lamp + np.array([0.0, LAMP_HEIGHT, 0.0])
     beam: Any = mi.ScalarTransform4f().look_at(
         above.tolist(), (LIT + lamp).tolist(), [0.0, 0.0, 1.0]
     )
-    turned = placement(LIT + cube, is_turned=True)
-    scene: mi.Scene = mi.load_dict(
-        {
-            **room(outer),
-            "cube": {
-                "type": "cube",
-                "to_world": outer @ turned @ mi.ScalarTransform4f().scale(0.5 * CUBE_EDGE),
-            },
-            "spot": {
-                "type": "spot",
-                "to_world": outer @ beam,
-                "cutoff_angle": CUTOFF_DEGREES,
-                "beam_width": SHARPNESS * CUTOFF_DEGREES,
-            },
-        }
-    )
+    parts = room(outer)
+    parts["spot"] = {
+        "type": "spot",
+        "to_world": outer @ beam,
+        "cutoff_angle": CUTOFF_DEGREES,
+        "beam_width": SHARPNESS * CUTOFF_DEGREES,
+    }
+    if cube is not None:
+        turned = placement(LIT + cube, is_turned=True)
+        small = mi.ScalarTransform4f().scale(0.5 * CUBE_EDGE)
+        parts["cube"] = {"type": "cube", "to_world": outer @ turned @ small}
+    scene: mi.Scene = mi.load_dict(parts)
     return scene
 
 
@@ -184,7 +181,7 @@ def _move(context: StudyContext, mover: str, level: int) -> MovedRoom:
     places -= places.mean()
     powers: dict[str, list[float]] = {how: [] for how in HOWS}
     light: dict[str, list[np.ndarray]] = {how: [] for how in HOWS}
-    truth = []
+    truth: list[np.ndarray] = []
     points, normals = wall_points(RECEIVERS[context.quick])
     still = np.zeros(3)
     known_windows = None
@@ -193,7 +190,7 @@ def _move(context: StudyContext, mover: str, level: int) -> MovedRoom:
         step = np.array([place * voxel, 0.0, 0.0])
         whole, lamp, cube = (step if mover == name else still for name in ("grid", *MOVERS[:2]))
         layout = windows(level, place * voxel if mover == "camera" else 0.0)
-        scene = moved_scene(whole, lamp, cube)
+        scene = moved_scene(whole, lamp, None if mover == "light" else cube)
         if mover == "camera" and known_windows == layout.levels:
             # Snapped windows stand still in between, and so does all that is in them.
             for how in HOWS:
