@@ -204,7 +204,8 @@ def _is_same_surface(
     height, width = places.shape[:2]
     (old, new), (old_normal, new_normal) = positions, normals
     corner = np.floor(places - 0.5)
-    same: NDArray[np.bool_] = ((corner >= 0) & (corner <= [width - 2, height - 2])).all(axis=-1)
+    is_inside = (corner >= 0) & (corner <= [width - 2, height - 2])
+    same = np.asarray(is_inside.all(axis=-1), dtype=np.bool_)
     same &= is_inner[1]
     near = []
     for row, column, _ in _around(places, height, width):
@@ -233,7 +234,7 @@ def _is_on_plane(
 ) -> NDArray[np.bool_]:
     """Whether all points near each of these lie on its plane and face as it does ``(H, W)``."""
     apart, off_plane = np.zeros(point.shape[:2]), np.zeros(point.shape[:2])
-    fits: NDArray[np.bool_] = normal.any(axis=-1)
+    fits = np.asarray(normal.any(axis=-1), dtype=np.bool_)
     for other, other_normal in near:
         between = other - point
         apart = np.maximum(apart, np.linalg.norm(between, axis=-1))

@@ -28,14 +28,19 @@ from experiments.studies.light.lit_rooms import (
     slot_power,
 )
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
+from vctgi.clipmap.storage import EmittanceClipmap, pack_volume
 from vctgi.config import preset
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
+from vctgi.stages.downsampling import downsample
 
 MOVERS = ("light", "object", "camera", "grid")
 """What moves: the lamp, the cube, the windows around a viewer, or everything but the lattice."""
 
 HOWS = ("scatter", "scatter 3 wide", "centre")
 """Ways to inject that are compared: without a pre-filter, with one, and the crudest."""
+
+QUICK_HOWS = HOWS[:2]
+"""Those of the quick version."""
 
 FINEST_VOXEL = 1.0 / 16.0
 """World units, as all lengths here; a power of two, so that whole voxels are moved exactly."""
@@ -149,14 +154,15 @@ def windows(level: int, ahead: float = 0.0, whole: np.ndarray | None = None) -> 
     )
 
 
-def cone_light(points: LitPoints, how: str, at: np.ndarray, normals: np.ndarray) -> np.ndarray:
+def cone_light(
+    points: LitPoints, emittance: EmittanceClipmap, at: np.ndarray, normals: np.ndarray
+) -> np.ndarray:
     """Return E / pi [point, rgb] that the cones of preset "high" find."""
-    found = trace_diffuse(
-        receivers(at, normals),
-        points.volume(INJECTIONS[how]),
-        preset("high").diffuse,
-        points.scene,
-    )
+    opacity, lit = downsample(points.opacity, emittance)
+    assert lit is not None, "downsampling keeps the emittance it is given"
+    volume = pack_volume(opacity, lit)
+    cones = preset("high").diffuse
+    found = trace_diffuse(receivers(at, normals), volume, cones, points.scene)
     light: np.ndarray = np.array(found, dtype=np.float64).T
     return light
 
@@ -170,7 +176,8 @@ def recentred(context: StudyContext, how: str) -> tuple[np.ndarray, np.ndarray]:
     found = []
     for moved in (still, whole):
         lit = light_points(moved_scene(moved, still, still), windows(0, whole=moved))
-        found.append(cone_light(lit, how, points + moved, normals)[:, None])
+        emittance = lit.inject(INJECTIONS[how])
+        found.append(cone_light(lit, emittance, points + moved, normals)[:, None])
     return found[0], found[1]
 
 
@@ -179,8 +186,9 @@ def _move(context: StudyContext, mover: str, level: int) -> MovedRoom:
     phases = PHASES[context.quick]
     places = np.arange(phases * PERIODS[mover]) / phases
     places -= places.mean()
-    powers: dict[str, list[float]] = {how: [] for how in HOWS}
-    light: dict[str, list[np.ndarray]] = {how: [] for how in HOWS}
+    hows = QUICK_HOWS if context.quick else HOWS
+    powers: dict[str, list[float]] = {how: [] for how in hows}
+    light: dict[str, list[np.ndarray]] = {how: [] for how in hows}
     truth: list[np.ndarray] = []
     points, normals = wall_points(RECEIVERS[context.quick])
     still = np.zeros(3)
@@ -193,15 +201,16 @@ def _move(context: StudyContext, mover: str, level: int) -> MovedRoom:
         scene = moved_scene(whole, lamp, None if mover == "light" else cube)
         if mover == "camera" and known_windows == layout.levels:
             # Snapped windows stand still in between, and so does all that is in them.
-            for how in HOWS:
+            for how in hows:
                 powers[how].append(powers[how][-1])
                 light[how].append(light[how][-1])
         else:
             lit = light_points(scene, layout)
             expected = slot_power(lit, ALL_FOUND, level)
-            for how in HOWS:
-                powers[how].append(power(lit.inject(INJECTIONS[how]), level) / expected)
-                light[how].append(cone_light(lit, how, points + whole, normals))
+            for how in hows:
+                emittance = lit.inject(INJECTIONS[how])
+                powers[how].append(power(emittance, level) / expected)
+                light[how].append(cone_light(lit, emittance, points + whole, normals))
         known_windows = layout.levels
         if mover in ("camera", "grid") and truth:
             truth.append(truth[0])
