@@ -98,7 +98,7 @@ def _render(context: StudyContext) -> Sequence:
         positions.append(np.array(frame.position, dtype=np.float64))
         normals.append(np.array(frame.surface_normal, dtype=np.float64))
         if before is not None:
-            places.append(_places_before(before, positions[-1]))
+            places.append(places_before(before, positions[-1]))
         before = project(sensor)
         truth.append(_path_traced(context, loaded.scene, loaded.sensor_index))
     return Sequence(
@@ -117,7 +117,7 @@ def move_sensor(sensor: mi.Sensor, world_from_camera: np.ndarray, offset: np.nda
     parameters.update()
 
 
-def _places_before(projection: Projection, positions: np.ndarray) -> np.ndarray:
+def places_before(projection: Projection, positions: np.ndarray) -> np.ndarray:
     """Return where the camera before showed points [row, column, 3]: [row, column, 2], pixels."""
     points = mi.Point3f(np.ascontiguousarray(positions.reshape(-1, 3).T, dtype=np.float32))
     place, depth = place_of(projection, points)
