@@ -17,7 +17,7 @@ from vctgi.stages.reconstruction.temporal import project
 
 pytestmark = pytest.mark.usefixtures("variant")
 
-EDGE = 32
+EDGE = 64
 
 RESAMPLED = 2e-3
 """World units, in a room two wide: positions at random places of their pixels, in the mean."""
