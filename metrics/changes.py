@@ -13,8 +13,11 @@ from math import copysign, sqrt
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrics.confidence import Estimate, jackknife_of_distance, jackknife_of_mean
+from metrics.confidence import Estimate, estimate_from_leave_one_out, jackknife_of_distance
 from metrics.images import Batches, Image, checked_inputs
+
+LEAST_BATCHES = 3
+"""Fewest batches of which one can be left out and still leave a pair."""
 
 
 def checked_sweep(found: ArrayLike, batches: ArrayLike, *, least: int) -> tuple[Image, Batches]:
@@ -88,15 +91,15 @@ def rooted_energy(
 ) -> Estimate:
     """Root of a mean square over a scale, with the noise of the reference taken out of it.
 
-    The bias that noise gives a quadratic form of the mean of M batches falls as 1/M, and so the
-    jackknife takes off all of it; nothing more needs to be known of the noise.
+    The quadratic form is taken of pairs of different batches only, whose noise is independent, so
+    it has no bias, and nothing more needs to be known of the noise.
 
     Parameters
     ----------
     energy
-        Quadratic form of the mean of the batches.
+        Quadratic form of a sweep ``(K, N, 3)``.
     batches
-        ``(M, K, N, 3)``.
+        ``(M, K, N, 3)``, M >= 3.
     scale
         What the root is divided by, > 0.
     level
@@ -107,8 +110,30 @@ def rooted_energy(
     Estimate
         ``sign(E) sqrt(abs(E)) / scale`` for the energy and both ends of its interval: below zero
         means below the noise of the reference.
+
+    Raises
+    ------
+    ValueError
+        For fewer than 3 batches, which leave no pair when one is left out.
     """
-    found = jackknife_of_mean(energy, batches, level)
+    count = len(batches)
+    if count < LEAST_BATCHES:
+        raise ValueError(
+            f"batches must hold at least {LEAST_BATCHES} independent references, got {count}: "
+            "render the reference in more batches, each with its own seed."
+        )
+    total = batches.sum(axis=0)
+    own = np.array([energy(batch) for batch in batches])
+
+    def of_pairs(mean: Image, own_energies: float, number: int) -> float:
+        return (number**2 * energy(mean) - own_energies) / (number * (number - 1))
+
+    without_one = [
+        of_pairs((total - batch) / (count - 1), own.sum() - each, count - 1)
+        for batch, each in zip(batches, own, strict=True)
+    ]
+    whole = of_pairs(total / count, own.sum(), count)
+    found = estimate_from_leave_one_out(whole, np.array(without_one), level)
 
     def root(value: float) -> float:
         return copysign(sqrt(abs(value)), value) / scale

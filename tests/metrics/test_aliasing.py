@@ -241,6 +241,8 @@ def test_bad_sweeps_are_refused(sweep: Sweep) -> None:
         temporal_difference_error(sweep.truth[:1], batches[:, :1])
     with pytest.raises(ValueError, match="hold light"):
         temporal_difference_rms(sweep.truth, 0.0 * batches)
+    with pytest.raises(ValueError, match="at least 3 independent"):
+        temporal_difference_rms(sweep.truth, batches[:2])
     with pytest.raises(ValueError, match="one shape"):
         pop_share(sweep.truth[1:], batches)
     with pytest.raises(ValueError, match="must cross 2 voxels"):

@@ -109,7 +109,8 @@ def _recentring_checks() -> list[Check]:
             configuration=f"{CONFIGURATION}; {how}",
             scene="room two wide, moved with its windows by 8, -8 and 16 voxels of the coarsest",
             measure=partial(_recentring, how=how),
-            limit_high=ROUNDING,
+            # The nearest of all texels may be another one after rounding.
+            limit_high=None if how == "centre" else ROUNDING,
             goal=0.0,
         )
         for how in HOWS
