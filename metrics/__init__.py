@@ -6,6 +6,11 @@ each is also a function of its own.
 
 from __future__ import annotations
 
+from metrics.aliasing import pop_share as pop_share
+from metrics.aliasing import power_ripple as power_ripple
+from metrics.aliasing import recentring_difference as recentring_difference
+from metrics.aliasing import temporal_difference_error as temporal_difference_error
+from metrics.aliasing import temporal_difference_rms as temporal_difference_rms
 from metrics.banding import phase_spread as phase_spread
 from metrics.banding import structured_power as structured_power
 from metrics.banding import structured_share as structured_share
@@ -22,6 +27,9 @@ from metrics.energy import energy_ratio as energy_ratio
 from metrics.finite import FiniteCheck as FiniteCheck
 from metrics.finite import check_finite as check_finite
 from metrics.finite import require_finite as require_finite
+from metrics.flicker import Motion as Motion
+from metrics.flicker import flicker_rms as flicker_rms
+from metrics.flicker import motion_of as motion_of
 from metrics.leaking import LeakAudit as LeakAudit
 from metrics.leaking import audit_shares as audit_shares
 from metrics.leaking import one_sided_excess as one_sided_excess
@@ -43,3 +51,5 @@ from metrics.squared_error import relmse_e2 as relmse_e2
 from metrics.structural import pq_from_nits as pq_from_nits
 from metrics.structural import ssim_pq as ssim_pq
 from metrics.suite import measure as measure
+from metrics.voxel_period import voxel_period_rms as voxel_period_rms
+from metrics.voxel_period import voxel_period_share as voxel_period_share

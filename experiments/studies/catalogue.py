@@ -54,6 +54,14 @@ STUDIES = {
         "experiments.studies.banding",
         "How much of a glossy picture is owed to where marches happen to sample?",
     ),
+    "aliasing": StudyEntry(
+        "experiments.studies.aliasing",
+        "Does light flow from voxel to voxel as smoothly as what sends it moves?",
+    ),
+    "flicker": StudyEntry(
+        "experiments.studies.flicker",
+        "Does the light of surfaces hold still while the eye moves?",
+    ),
 }
 """Studies by name."""
 
