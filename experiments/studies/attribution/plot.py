@@ -28,11 +28,12 @@ def write_waterfall(energy: Attribution, relmse: Attribution, title: str, path: 
     # Without a fixed salt, identifiers in the SVG differ from run to run.
     with mpl.rc_context({"svg.hashsalt": title, "font.size": 9.0}):
         rows = len(energy.stages) + 3
-        figure = Figure(figsize=(11.0, 0.9 + 0.34 * rows), layout="constrained")
+        figure = Figure(figsize=(11.0, 1.2 + 0.34 * rows), layout="constrained")
         left, right = figure.subplots(1, 2, sharey=True)
         _waterfall(left, energy, "energy error, mean(V) / mean(R) - 1")
         _waterfall(right, relmse, "relMSE")
-        left.legend(loc="best", frameon=False)
+        # Below the axes, where no bar can be.
+        figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=2)
         figure.suptitle(title)
         is_vector = path.suffix == ".svg"
         figure.savefig(path, dpi=120, metadata={"Date": None} if is_vector else None)
