@@ -17,7 +17,7 @@ class ProgressReport:
     """Shows which scene is at which step, and how far it is."""
 
     def __init__(self) -> None:
-        self._console = Console(file=sys.stderr)
+        self._console = Console(file=sys.stderr, emoji=False)
         self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(),

@@ -34,3 +34,9 @@ def test_a_step_says_its_share_and_the_time_left(
 )
 def test_durations_read_as_people_say_them(seconds: float, text: str) -> None:
     assert time_text(seconds) == text
+
+
+def test_names_between_colons_stay_words(capsys: pytest.CaptureFixture[str]) -> None:
+    with ProgressReport() as progress:
+        progress.say("peer:ogre: half the light")
+    assert "peer:ogre: half the light" in capsys.readouterr().err
