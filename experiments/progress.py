@@ -19,7 +19,7 @@ class ProgressReport:
     def __init__(self) -> None:
         self._console = Console(file=sys.stderr, emoji=False)
         self._bar = Progress(
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
