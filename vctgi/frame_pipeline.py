@@ -14,8 +14,8 @@ import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.config import RenderConfig
-from vctgi.maths.directions import TEA_ROUNDS, kronecker_points, random_unit
-from vctgi.maths.stub_gaps import as_bits, as_component
+from vctgi.maths.directions import kronecker_points, random_bits, random_unit
+from vctgi.maths.stub_gaps import as_component
 from vctgi.prepared import PreparedScene, StageClock, no_clock
 from vctgi.scene.records import FilmSample, GBuffer
 from vctgi.specular_pipeline import gather_specular
@@ -98,21 +98,12 @@ def render_frame(
     first, traced, refined_count = {}, None, 0
     for number in range(count):
         stream = dr.opaque(mi.UInt32, number + seed * SEED_STRIDE)
-        sample_index = mi.UInt32(mi.sample_tea_32(as_bits(pixel), as_bits(stream), TEA_ROUNDS)[0])
+        sample_index = random_bits(pixel, stream)
         place = mi.Point2f(pixel % width, pixel // width) + kronecker_points(
             dr.opaque(mi.UInt32, number)
         )
         with clock("G-buffer"):
-            gbuffer = trace_gbuffer(
-                prepared.scene,
-                camera_rays(prepared.sensor, place, sample_index),
-                sample_index,
-                config.gbuffer,
-                has_specular=prepared.plan.has_specular,
-                has_passing=prepared.plan.has_passing,
-                lobe_kinds=prepared.lobe_kinds,
-            )
-            dr.eval(gbuffer)
+            gbuffer = visible_points(prepared, config, place, sample_index)
         if number == 0:
             first = _surfaces(gbuffer)
         if config.reconstruction.sparsity == 1:
@@ -145,6 +136,23 @@ def render_frame(
         ambient=tensors.get("ambient"),
         refined_share=refined_count / (width * height * count),
     )
+
+
+def visible_points(
+    prepared: PreparedScene, config: RenderConfig, place: mi.Point2f, sample_index: mi.UInt32
+) -> GBuffer:
+    """Return what rays through places of the picture, in pixels, meet first."""
+    gbuffer = trace_gbuffer(
+        prepared.scene,
+        _camera_rays(prepared.sensor, place, sample_index),
+        sample_index,
+        config.gbuffer,
+        has_specular=prepared.plan.has_specular,
+        has_passing=prepared.plan.has_passing,
+        lobe_kinds=prepared.lobe_kinds,
+    )
+    dr.eval(gbuffer)
+    return gbuffer
 
 
 def gather_light(
@@ -230,7 +238,7 @@ SEED_STRIDE = 4096
 """Samples per pixel that one seed may use before it meets the next seed's."""
 
 
-def camera_rays(
+def _camera_rays(
     sensor: mi.Sensor, place: mi.Point2f, sample_index: mi.UInt32
 ) -> mi.RayDifferential3f:
     """Rays through places of the picture, pixels from its upper left corner."""

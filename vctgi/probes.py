@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike
 
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.config import RenderConfig
-from vctgi.maths.directions import TEA_ROUNDS
-from vctgi.maths.stub_gaps import as_bits
+from vctgi.maths.directions import random_bits
 from vctgi.prepared import PreparedScene
-from vctgi.scene.records import GBuffer
+from vctgi.scene.receivers import white_receivers
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
 
 UNIT_TOLERANCE = 1e-3
@@ -66,11 +65,11 @@ def probe_irradiance(
     sky = prepared.sky if prepared.plan.has_sky_in_cones else None
     count = len(at)
     total = np.zeros((count, 3))
-    probes = _white_surfaces(at, normal)
+    probes = white_receivers(at, normal)
     lane = dr.arange(mi.UInt32, count)
     for number in range(config.samples_per_pixel):
         stream = dr.opaque(mi.UInt32, number + seed * config.samples_per_pixel)
-        sample_index = mi.UInt32(mi.sample_tea_32(as_bits(lane), as_bits(stream), TEA_ROUNDS)[0])
+        sample_index = random_bits(lane, stream)
         incident = trace_diffuse(
             replace(probes, sample_index=sample_index),
             volume,
@@ -81,27 +80,6 @@ def probe_irradiance(
         total += np.array(incident, dtype=np.float64).T
     irradiance: np.ndarray = math.pi * total / config.samples_per_pixel
     return irradiance
-
-
-def _white_surfaces(points: np.ndarray, normals: np.ndarray) -> GBuffer:
-    """Points of white diffuse surfaces, seen along their normals: what trace_diffuse reads."""
-    count = len(points)
-    position = mi.Point3f(np.ascontiguousarray(points.T))
-    normal = mi.Vector3f(np.ascontiguousarray(normals.T))
-    nothing = dr.zeros(mi.Color3f, count)
-    return GBuffer(
-        sample_index=dr.arange(mi.UInt32, count),
-        is_valid=dr.full(mi.Bool, True, count),
-        position=position,
-        normal=normal,
-        ray_direction=-normal,
-        depth=dr.full(mi.Float, 1.0, count),
-        albedo=nothing + 1.0,
-        specular_albedo=nothing,
-        specular_axis=normal,
-        specular_aperture=dr.zeros(mi.Float, count),
-        passed=nothing,
-    )
 
 
 def _checked_probes(points: ArrayLike, normals: ArrayLike) -> tuple[np.ndarray, np.ndarray]:

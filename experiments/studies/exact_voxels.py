@@ -19,7 +19,6 @@ from vctgi.clipmap.slots import MAX_THICKNESS, SlotRule, filled_layers, surface_
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap, VoxelVolume, pack_volume
 from vctgi.maths.directions import DIRECTION_COUNT, other_axes
 from vctgi.scene.materials import describe_material
-from vctgi.scene.records import GBuffer
 from vctgi.scene.surfaces import VoxelSurfaces, select_surfaces
 from vctgi.scene.triangles import extract_triangles
 from vctgi.stages.downsampling import downsample
@@ -227,26 +226,6 @@ def _slots(
         texel = texel_from_voxel(voxel, level.resolution)
         index = texel + (2 * axis + slot.side) * level.voxel_count
         yield np.array(index, dtype=np.int64), np.array(is_filled & is_inside(voxel, level))
-
-
-def receivers(points: np.ndarray, normals: np.ndarray) -> GBuffer:
-    """Points [point, 3] of white diffuse surfaces, seen along their normals."""
-    count = len(points)
-    normal = mi.Vector3f(np.ascontiguousarray(normals.T, dtype=np.float32))
-    nothing = dr.zeros(mi.Color3f, count)
-    return GBuffer(
-        sample_index=dr.arange(mi.UInt32, count),
-        is_valid=dr.full(mi.Bool, True, count),
-        position=mi.Point3f(np.ascontiguousarray(points.T, dtype=np.float32)),
-        normal=normal,
-        ray_direction=-normal,
-        depth=dr.full(mi.Float, 1.0, count),
-        albedo=nothing + 1.0,
-        specular_albedo=nothing,
-        specular_axis=normal,
-        specular_aperture=dr.zeros(mi.Float, count),
-        passed=nothing,
-    )
 
 
 def scene_of(triangles: np.ndarray) -> mi.Scene:

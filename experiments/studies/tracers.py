@@ -20,13 +20,13 @@ from experiments.studies.exact_voxels import (
     Radiance,
     lay_out_window,
     light_exactly,
-    receivers,
     scene_of,
 )
 from experiments.studies.phases import phase_offsets
 from experiments.studies.scenes import ShiningScene
 from vctgi.clipmap.levels import ClipmapLayout
 from vctgi.clipmap.storage import VoxelVolume
+from vctgi.scene.receivers import white_receivers
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig, trace_diffuse
 
 Found = TypeVar("Found")
@@ -98,7 +98,7 @@ def gather(
     cones: DiffuseConesConfig,
 ) -> np.ndarray:
     """E / pi [point, rgb] that cones bring to points [point, 3]."""
-    found = trace_diffuse(receivers(points, normals), volume, cones, scene)
+    found = trace_diffuse(white_receivers(points, normals), volume, cones, scene)
     return np.array(found, dtype=np.float64).T
 
 

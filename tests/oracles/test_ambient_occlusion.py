@@ -16,9 +16,10 @@ import pytest
 
 from experiments.studies.accuracy.ambient import ambient_by_rays
 from tests.vctgi.small_scenes import camera, diffuse, load, room
-from tests.vctgi.surface_points import points_in_room, surface_points
+from tests.vctgi.surface_points import points_in_room
 from vctgi.config import RenderConfig, preset
 from vctgi.pipeline import light_volume, prepare_scene, render_frame
+from vctgi.scene.receivers import white_receivers
 from vctgi.stages.cone_tracing.ambient import AmbientConfig, trace_ambient
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -50,7 +51,7 @@ def openness(scene: mi.Scene, config: RenderConfig, points: np.ndarray, normals:
     prepared = prepare_scene(scene, scene.sensors()[0], config)
     volume = light_volume(prepared, config).volume
     normals = np.broadcast_to(np.array(normals, float), points.shape)
-    return np.array(trace_ambient(surface_points(points, normals), volume, config.ambient, scene))
+    return np.array(trace_ambient(white_receivers(points, normals), volume, config.ambient, scene))
 
 
 def floor(**more: Any) -> dict[str, Any]:

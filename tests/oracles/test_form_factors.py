@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from tests.vctgi.small_scenes import SceneDict, load, oblique, rotation_matrix
-from tests.vctgi.surface_points import surface_points
 from vctgi.clipmap.levels import lay_out_clipmap
 from vctgi.clipmap.storage import VoxelVolume, pack_volume
 from vctgi.config import PRESETS
+from vctgi.scene.receivers import white_receivers
 from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.scene.surfaces import opaque_surfaces
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
@@ -123,7 +123,7 @@ def received(
     normals = np.tile(receiver.normal, (len(points), 1))
     shift = np.array(phase) * volume.layout.finest_voxel_size
     scene = load(emitter=emitter.shape(shift), receiver=receiver.shape(shift))
-    gbuffer = surface_points(points, normals)
+    gbuffer = white_receivers(points, normals)
     found = trace_diffuse(gbuffer, volume, PRESETS[preset].diffuse, scene)
     return float(np.array(found)[0].mean()) / RADIANCE
 
@@ -170,6 +170,6 @@ def test_light_does_not_go_backwards() -> None:
     # Behind the receiver, facing it from the other side: one-sided surfaces are not seen there,
     # and facing away from both there is nothing at all.
     scene = load(emitter=emitter.shape(np.zeros(3)), receiver=receiver.shape(np.zeros(3)))
-    gbuffer = surface_points(above, -normals)
+    gbuffer = white_receivers(above, -normals)
     away = trace_diffuse(gbuffer, volume, PRESETS["high"].diffuse, scene)
     assert not np.array(away).any()

@@ -23,9 +23,10 @@ from tests.vctgi.small_scenes import (
     room,
     rotation_matrix,
 )
-from tests.vctgi.surface_points import points_in_room, surface_points
+from tests.vctgi.surface_points import points_in_room
 from vctgi.config import RenderConfig, preset
 from vctgi.pipeline import light_volume, prepare_scene, render_frame
+from vctgi.scene.receivers import white_receivers
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -68,7 +69,7 @@ def incident_at_walls(scene: mi.Scene, config: RenderConfig, is_turned: bool) ->
     volume = light_volume(prepared, config).volume
     points, normals = points_in_room(3000, seed=1)
     rotation = rotation_matrix(oblique()) if is_turned else np.eye(3)
-    gbuffer = surface_points(points @ rotation.T, normals @ rotation.T)
+    gbuffer = white_receivers(points @ rotation.T, normals @ rotation.T)
     found: np.ndarray = np.array(trace_diffuse(gbuffer, volume, config.diffuse, scene))[1]
     return found / (ALBEDO * EMISSION)
 

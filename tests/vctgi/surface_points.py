@@ -1,33 +1,8 @@
-"""G-buffers of chosen points, so that a law can be tested without a camera."""
+"""Chosen points on surfaces, so that a law can be tested without a camera."""
 
 from __future__ import annotations
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
-
-from vctgi.scene.records import GBuffer
-
-
-def surface_points(positions: np.ndarray, normals: np.ndarray) -> GBuffer:
-    """Return points [n, 3] of white diffuse surfaces, seen along their normals."""
-    count = len(positions)
-    position = mi.Point3f(np.ascontiguousarray(positions.T, dtype=np.float32))
-    normal = mi.Vector3f(np.ascontiguousarray(normals.T, dtype=np.float32))
-    nothing = dr.zeros(mi.Color3f, count)
-    return GBuffer(
-        sample_index=dr.arange(mi.UInt32, count),
-        is_valid=dr.full(mi.Bool, True, count),
-        position=position,
-        normal=normal,
-        ray_direction=-normal,
-        depth=dr.full(mi.Float, 1.0, count),
-        albedo=nothing + 1.0,
-        specular_albedo=nothing,
-        specular_axis=normal,
-        specular_aperture=dr.zeros(mi.Float, count),
-        passed=nothing,
-    )
 
 
 def points_in_room(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

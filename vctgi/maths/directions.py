@@ -74,10 +74,15 @@ def unit_from_bits(bits: mi.UInt32) -> mi.Float:
     return mi.Float(bits >> 8) * (1.0 / 2**24)
 
 
+def random_bits(index: mi.UInt32, stream: int | mi.UInt32) -> mi.UInt32:
+    """Return a hash of `index`, the same in every run, that differs from stream to stream."""
+    bits, _ = mi.sample_tea_32(as_bits(index), as_bits(mi.UInt32(stream)), TEA_ROUNDS)
+    return mi.UInt32(bits)
+
+
 def random_unit(index: mi.UInt32, stream: int | mi.UInt32) -> mi.Float:
     """Return a hash of `index` in [0, 1): the same lane gives the same number in every run."""
-    bits, _ = mi.sample_tea_32(as_bits(index), as_bits(mi.UInt32(stream)), TEA_ROUNDS)
-    return unit_from_bits(mi.UInt32(bits))
+    return unit_from_bits(random_bits(index, stream))
 
 
 RAY_EPSILON = 64.0 * 2.0**-24

@@ -19,6 +19,7 @@ from vctgi.clipmap.slot_surfaces import SlotSurfaces
 from vctgi.clipmap.storage import EmittanceClipmap
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.maths.stub_gaps import as_component
+from vctgi.scene.receivers import diffuse_receivers
 from vctgi.scene.records import GBuffer
 
 
@@ -149,21 +150,8 @@ def emitted_flux(emittance: EmittanceClipmap, surfaces: Sequence[SlotSurfaces]) 
 
 def slot_receivers(surfaces: SlotSurfaces) -> GBuffer:
     """Return the surfaces behind slots as points that gather light."""
-    nothing = dr.zeros(mi.Color3f, surfaces.count)
-    return GBuffer(
-        # The address of a voxel does not change when its window moves, so neither do its cones.
-        sample_index=surfaces.index,
-        is_valid=dr.full(mi.Bool, True, surfaces.count),
-        position=surfaces.position,
-        normal=surfaces.normal,
-        ray_direction=-surfaces.normal,
-        depth=dr.zeros(mi.Float, surfaces.count),
-        albedo=surfaces.albedo,
-        specular_albedo=nothing,
-        specular_axis=surfaces.normal,
-        specular_aperture=dr.zeros(mi.Float, surfaces.count),
-        passed=nothing,
-    )
+    # The address of a voxel does not change when its window moves, so neither do its cones.
+    return diffuse_receivers(surfaces.position, surfaces.normal, surfaces.albedo, surfaces.index)
 
 
 def add_light(first: EmittanceClipmap, second: EmittanceClipmap) -> EmittanceClipmap:

@@ -24,13 +24,13 @@ from experiments.studies.exact_voxels import (
     RESOLUTION,
     lay_out_window,
     light_exactly,
-    receivers,
     surfaces_in,
 )
 from experiments.studies.representation.speed import Timing, timed
 from experiments.studies.tracers import Bench
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
 from vctgi.clipmap.storage import OpacityClipmap, VoxelVolume
+from vctgi.scene.receivers import white_receivers
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
 from vctgi.stages.downsampling import downsample
 from vctgi.stages.voxelization.opacity import voxelize_triangles
@@ -163,7 +163,7 @@ def _build_time(context: StudyContext) -> Measured:
 
 def _trace_time(context: StudyContext, column: Column) -> Measured:
     truth = cornell_truth(context)
-    at = receivers(truth.at.points, truth.at.normals)
+    at = white_receivers(truth.at.points, truth.at.normals)
 
     def trace(volume: VoxelVolume) -> object:
         found = trace_diffuse(at, volume, column.cones, truth.room.scene)

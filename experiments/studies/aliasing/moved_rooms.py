@@ -17,7 +17,6 @@ import numpy as np
 
 from experiments.studies.aliasing.light_tracing import traced_light
 from experiments.studies.check import StudyContext
-from experiments.studies.exact_voxels import receivers
 from experiments.studies.light.injections import INJECTIONS
 from experiments.studies.light.lit_rooms import (
     LitPoints,
@@ -30,6 +29,7 @@ from experiments.studies.light.lit_rooms import (
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
 from vctgi.clipmap.storage import EmittanceClipmap, pack_volume
 from vctgi.config import preset
+from vctgi.scene.receivers import white_receivers
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
 from vctgi.stages.downsampling import downsample
 
@@ -162,7 +162,7 @@ def cone_light(
     assert lit is not None, "downsampling keeps the emittance it is given"
     volume = pack_volume(opacity, lit)
     cones = preset("high").diffuse
-    found = trace_diffuse(receivers(at, normals), volume, cones, points.scene)
+    found = trace_diffuse(white_receivers(at, normals), volume, cones, points.scene)
     light: np.ndarray = np.array(found, dtype=np.float64).T
     return light
 

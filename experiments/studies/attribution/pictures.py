@@ -15,15 +15,12 @@ from experiments.studies.attribution.stages import Exact
 from experiments.studies.attribution.voxels import exact_light
 from vctgi.clipmap.storage import StorageConfig, VoxelVolume, pack_volume
 from vctgi.config import RenderConfig
-from vctgi.frame_pipeline import SEED_STRIDE, camera_rays
-from vctgi.maths.directions import TEA_ROUNDS, kronecker_points, random_unit
-from vctgi.maths.stub_gaps import as_bits
+from vctgi.frame_pipeline import SEED_STRIDE, visible_points
+from vctgi.maths.directions import kronecker_points, random_bits, random_unit
 from vctgi.pipeline import light_volume, voxelize_scene
 from vctgi.prepared import PreparedScene
-from vctgi.scene.records import GBuffer
 from vctgi.stages.composite import composite
 from vctgi.stages.downsampling import downsample
-from vctgi.stages.gbuffer import trace_gbuffer
 from vctgi.stages.reconstruction.interpolation import interpolate, refine, trace_sparse
 from vctgi.stages.reconstruction.sparse_pixels import SparseGrid
 
@@ -141,14 +138,14 @@ def _render(
     traced = None
     for number in range(count):
         stream = dr.opaque(mi.UInt32, number + seed * SEED_STRIDE)
-        sample_index = mi.UInt32(mi.sample_tea_32(as_bits(pixel), as_bits(stream), TEA_ROUNDS)[0])
+        sample_index = random_bits(pixel, stream)
         corner = mi.Point2f(pixel % width, pixel // width)
         if has_exact_pixels:
             u, v = (random_unit(sample_index, PLACE_STREAM + i) for i in range(2))
             place = corner + mi.Point2f(u, v)
         else:
             place = corner + kronecker_points(dr.opaque(mi.UInt32, number))
-        gbuffer = _visible(prepared, config, place, sample_index)
+        gbuffer = visible_points(prepared, config, place, sample_index)
         seeded = partial(gather, seed=seed * SEED_STRIDE + number)
         if has_exact_pixels or gather.exact.dense or config.reconstruction.sparsity == 1:
             incident = seeded(gbuffer)
@@ -163,19 +160,3 @@ def _render(
         dr.eval(total)
     picture = np.array(total, dtype=np.float64).T.reshape(height, width, 3)
     return np.asarray(picture / count)
-
-
-def _visible(
-    prepared: PreparedScene, config: RenderConfig, place: mi.Point2f, sample_index: mi.UInt32
-) -> GBuffer:
-    gbuffer = trace_gbuffer(
-        prepared.scene,
-        camera_rays(prepared.sensor, place, sample_index),
-        sample_index,
-        config.gbuffer,
-        has_specular=prepared.plan.has_specular,
-        has_passing=prepared.plan.has_passing,
-        lobe_kinds=prepared.lobe_kinds,
-    )
-    dr.eval(gbuffer)
-    return gbuffer

@@ -10,12 +10,13 @@ import mitsuba as mi
 from experiments.studies import scenes
 from experiments.studies.check import Check, Measured, StudyContext
 from experiments.studies.closed_forms import FURNACE_SCENE, PLACEMENTS
-from experiments.studies.exact_voxels import lay_out_window, light_exactly, receivers, scene_of
+from experiments.studies.exact_voxels import lay_out_window, light_exactly, scene_of
 from experiments.studies.leaking.audit import audit_of, audit_points
 from experiments.studies.leaking.pictures import BATCHES, measured
 from experiments.studies.tracers import constant_radiance
 from metrics.leaking import LeakAudit, audit_shares
 from vctgi.config import preset
+from vctgi.scene.receivers import white_receivers
 
 RECEIVERS_PER_EDGE = (8, 4)
 """Along an edge of a face, in the whole study and in the quick one."""
@@ -50,7 +51,7 @@ def audit_furnace(edge: int, batch_count: int, *, is_turned: bool) -> LeakAudit:
     volume = light_exactly(
         world, lay_out_window(scene.triangles), constant_radiance(scene.radiance)
     )
-    points = receivers(scene.points, scene.normals)
+    points = white_receivers(scene.points, scene.normals)
     cones = preset("high").diffuse
     batches = [
         audit_points(world, volume, points, cones, _one, seed) for seed in range(batch_count)

@@ -14,10 +14,11 @@ from experiments.studies.closed_forms import (
     SQUARE_EDGE,
     SQUARES,
 )
-from experiments.studies.exact_voxels import lay_out_window, light_exactly, receivers, scene_of
+from experiments.studies.exact_voxels import lay_out_window, light_exactly, scene_of
 from experiments.studies.phases import phase_offsets
 from experiments.studies.representation.thin_rays import RAYS
 from experiments.studies.tracers import constant_radiance
+from vctgi.scene.receivers import white_receivers
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig, trace_diffuse
 
 CONES: dict[str, DiffuseConesConfig] = {
@@ -61,7 +62,7 @@ def _ratio(context: StudyContext, case: str, placement: str, march: str) -> Meas
         moved = shape.moved(offset * layout.finest_voxel_size)
         world = scene_of(moved.triangles)
         volume = light_exactly(world, layout, constant_radiance(moved.radiance))
-        points = receivers(moved.points, moved.normals)
+        points = white_receivers(moved.points, moved.normals)
         found = np.array(trace_diffuse(points, volume, CONES[march], world))[0]
         ratios.append(float(found.mean()) / FORM_FACTORS[case])
     return mean_of(ratios)

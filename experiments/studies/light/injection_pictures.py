@@ -19,7 +19,6 @@ from experiments.studies.exact_voxels import (
     exact_emittance,
     lay_out_window,
     light_exactly,
-    receivers,
 )
 from experiments.studies.light.injections import COMPARED, INJECTIONS, PLACEMENTS, Limits, row
 from experiments.studies.light.lit_rooms import (
@@ -35,6 +34,7 @@ from experiments.studies.representation.thin_rays import gather as thin_rays
 from experiments.studies.scenes import white_furnace
 from vctgi.config import preset
 from vctgi.pipeline import prepare_scene
+from vctgi.scene.receivers import white_receivers
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
 
 FURNACES = ("scatter", "scatter 3 wide", "scatter bounded", "scatter 3 wide bounded", "centre")
@@ -94,7 +94,7 @@ def _furnace(context: StudyContext, how: str, where: str, texels: str) -> np.nda
         at = white_furnace(FURNACE_EDGE[context.quick], seed=1)
         at = at.turned() if is_turned else at
         found = trace_diffuse(
-            receivers(at.points, at.normals),
+            white_receivers(at.points, at.normals),
             points.volume(INJECTIONS[how]),
             preset("high").diffuse,
             points.scene,
@@ -167,7 +167,7 @@ def _gathered(context: StudyContext, how: str, rays: str) -> list[np.ndarray]:
                 volume = points.volume(INJECTIONS[how])
             places = box.at.points + offset
             if rays == "17 cones":
-                at = receivers(places, box.at.normals)
+                at = white_receivers(places, box.at.normals)
                 light = trace_diffuse(at, volume, preset("high").diffuse, each.scene)
                 found.append(np.array(light, dtype=np.float64).T)
             else:

@@ -9,13 +9,13 @@ import mitsuba as mi
 import numpy as np
 
 from experiments.studies.check import Check, Measured, StudyContext
-from experiments.studies.exact_voxels import receivers
 from experiments.studies.peers.harmonics import band_error, even_normals
 from vctgi.clipmap.levels import lay_out_clipmap
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap, VoxelVolume, pack_volume
 from vctgi.maths.cones import MAX_CONE_COUNT, ring_cone_set
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.maths.peer_cones import PEER_CONE_SETS, peer_cone_set
+from vctgi.scene.receivers import white_receivers
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig, trace_diffuse
 from vctgi.stages.cone_tracing.march import ConeMarchConfig
 
@@ -120,7 +120,7 @@ def traced_gain(volume: VoxelVolume, cone_set: str) -> np.ndarray:
         # What a cone leaves unseen that ends early is no error of the set.
         march=ConeMarchConfig(min_transmittance=0.0),
     )
-    found = trace_diffuse(receivers(np.zeros((POINT_COUNT, 3)), normals), volume, config)
+    found = trace_diffuse(white_receivers(np.zeros((POINT_COUNT, 3)), normals), volume, config)
     gain: np.ndarray = np.array(found, dtype=np.float64)[1] / GLOW
     return gain
 

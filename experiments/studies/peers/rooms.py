@@ -21,7 +21,6 @@ from experiments.studies.exact_voxels import (
     Radiance,
     exact_emittance,
     lay_out_window,
-    receivers,
     scene_of,
     surfaces_in,
 )
@@ -31,6 +30,7 @@ from experiments.studies.tracers import constant_radiance
 from vctgi.clipmap.levels import ClipmapLayout
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap, pack_volume
 from vctgi.peers import PEERS
+from vctgi.scene.receivers import white_receivers
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
 from vctgi.stages.downsampling import downsample
 from vctgi.stages.voxelization.opacity import voxelize_opacity
@@ -114,7 +114,7 @@ class Room:
         diffuse, mips = recipe(name)
         opacity, lit = downsample(self.opacity, self.emittance, mips)
         assert lit is not None, "downsampling keeps the emittance it is given"
-        at = receivers(self.points, self.normals)
+        at = white_receivers(self.points, self.normals)
         found = trace_diffuse(at, pack_volume(opacity, lit), diffuse, self.scene)
         return np.array(found, dtype=np.float64).T
 

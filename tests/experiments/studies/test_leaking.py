@@ -11,7 +11,7 @@ import pytest
 
 from experiments.studies import scenes
 from experiments.studies.catalogue import checks_of, find_study
-from experiments.studies.exact_voxels import lay_out_window, light_exactly, receivers, scene_of
+from experiments.studies.exact_voxels import lay_out_window, light_exactly, scene_of
 from experiments.studies.leaking.audit import PointLight, audit_points
 from experiments.studies.leaking.control import MOST, audit_furnace
 from experiments.studies.leaking.pictures import make_picture
@@ -19,6 +19,7 @@ from experiments.studies.tracers import constant_radiance
 from metrics.leaking import audit_shares, share_of_choices
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.peer_cones import PEER_CONE_SETS, peer_cone_set
+from vctgi.scene.receivers import white_receivers
 from vctgi.scene.records import GBuffer
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig, trace_diffuse
 from vctgi.stages.cone_tracing.march import ConeMarchConfig
@@ -70,7 +71,7 @@ def rooms(thickness_voxels: float, *, in_voxels: bool = True) -> Rooms:
     return Rooms(
         scene_of(found.triangles),
         volume,
-        receivers(found.points, found.normals),
+        white_receivers(found.points, found.normals),
         mi.Float(found.radiance.astype(np.float32)),
     )
 

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from experiments.studies import scenes
-from experiments.studies.exact_voxels import lay_out_window, light_exactly, receivers, scene_of
+from experiments.studies.exact_voxels import lay_out_window, light_exactly, scene_of
 from experiments.studies.tracers import constant_radiance
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.debug.leak_march import Cones, LeakSample, Probes, march_with_probes
+from vctgi.scene.receivers import white_receivers
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig, diffuse_lanes
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, march_cone
 
@@ -33,7 +34,9 @@ def furnace() -> tuple[VoxelVolume, Cones]:
     scene = scenes.white_furnace(3, seed=1)
     layout = lay_out_window(scene.triangles)
     volume = light_exactly(scene_of(scene.triangles), layout, constant_radiance(scene.radiance))
-    lanes = diffuse_lanes(receivers(scene.points, scene.normals), volume, CONES.cones(), CONES)
+    lanes = diffuse_lanes(
+        white_receivers(scene.points, scene.normals), volume, CONES.cones(), CONES
+    )
     nothing = dr.zeros(mi.Float, dr.width(lanes.ratio))
     return volume, Cones(lanes.apex, lanes.axis, lanes.ratio, lanes.phase, nothing)
 

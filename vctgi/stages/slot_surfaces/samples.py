@@ -13,8 +13,8 @@ import mitsuba as mi
 import numpy as np
 
 from vctgi.clipmap.levels import LevelLayout
-from vctgi.maths.directions import TEA_ROUNDS, kronecker_points, random_unit
-from vctgi.maths.stub_gaps import as_bits, as_component, as_mask
+from vctgi.maths.directions import kronecker_points, random_bits, random_unit
+from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.reflectance import hemispherical_albedo
 
 SAMPLES_PER_FACE = 8.0
@@ -110,7 +110,7 @@ def _hash_of(position: mi.Point3f) -> mi.UInt32:
     number = mi.UInt32(0)
     for coordinate in position:
         bits = mi.UInt32(dr.reinterpret_array(mi.UInt32, mi.Float(coordinate)))
-        number = mi.UInt32(mi.sample_tea_32(as_bits(number), as_bits(bits), TEA_ROUNDS)[0])
+        number = random_bits(number, bits)
     return number
 
 

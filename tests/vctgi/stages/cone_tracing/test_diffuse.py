@@ -9,13 +9,13 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from experiments.studies.exact_voxels import receivers
 from experiments.studies.peers.cone_sets import DC_TOLERANCE, glowing_fog, traced_gain
 from experiments.studies.peers.harmonics import even_normals
 from tests.vctgi.hand_made_volumes import emittance_of, opacity_of, random_values
 from vctgi.clipmap.levels import lay_out_clipmap
 from vctgi.clipmap.storage import VoxelVolume, pack_volume
 from vctgi.maths.peer_cones import PEER_CONE_SETS, peer_cone_set
+from vctgi.scene.receivers import white_receivers
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig, trace_diffuse
 from vctgi.stages.cone_tracing.march import ConeMarchConfig
 
@@ -35,7 +35,7 @@ def speckled() -> VoxelVolume:
 def gathered(volume: VoxelVolume, config: DiffuseConesConfig) -> np.ndarray:
     """E / pi [rgb, point] of points that differ in their number alone."""
     normals = np.repeat(even_normals(3)[:1], POINT_COUNT, axis=0)
-    at = receivers(np.full((POINT_COUNT, 3), 0.1), normals)
+    at = white_receivers(np.full((POINT_COUNT, 3), 0.1), normals)
     return np.array(trace_diffuse(at, volume, config))
 
 
@@ -78,7 +78,7 @@ def test_an_offset_along_the_normal_moves_the_start() -> None:
     volume = speckled()
     normal = even_normals(3)[:1]
     lifted = replace(STILL, normal_offset_voxels=2.0)
-    above = receivers(np.full((1, 3), 0.1) + 2.0 * 0.5 * normal, normal)
+    above = white_receivers(np.full((1, 3), 0.1) + 2.0 * 0.5 * normal, normal)
     np.testing.assert_allclose(
         gathered(volume, lifted)[:, 0],
         np.array(trace_diffuse(above, volume, STILL))[:, 0],
@@ -97,7 +97,7 @@ def test_cones_of_the_world_see_the_same_in_a_mirrored_world() -> None:
     for values, sign in (((alphas, colors), 1.0), (mirrored, -1.0)):
         volume = pack_volume(opacity_of(layout, values[0]), emittance_of(layout, values[1]))
         mirror = np.array([sign, 1.0, 1.0])
-        at = receivers(points * mirror, normals * mirror)
+        at = white_receivers(points * mirror, normals * mirror)
         found.append(np.array(trace_diffuse(at, volume, config)))
     np.testing.assert_allclose(found[0], found[1], atol=1e-4)
     assert found[0].mean() > 0.05
@@ -122,7 +122,7 @@ def test_sets_that_make_no_sense_are_refused(fields: dict[str, Any], message: st
 
 @pytest.mark.parametrize("name", PEER_CONE_SETS)
 def test_a_ray_that_met_nothing_gathers_nothing(name: str) -> None:
-    at = receivers(np.zeros((2, 3)), np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]))
+    at = white_receivers(np.zeros((2, 3)), np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]))
     at.is_valid = mi.Bool([True, False])
     config = replace(STILL, cone_set=name, cone_count=peer_cone_set(name).cone_count)
     found = np.array(trace_diffuse(at, glowing_fog(), config))

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from tests.vctgi.hand_made_volumes import emittance_of, opacity_of, random_values
-from tests.vctgi.surface_points import points_in_room, surface_points
+from tests.vctgi.surface_points import points_in_room
 from tests.vctgi.twins.marching import march
 from tests.vctgi.twins.reading import HostVolume
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
 from vctgi.clipmap.storage import VoxelVolume, pack_volume
+from vctgi.scene.receivers import white_receivers
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig, trace_diffuse
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, ConeSample, march_cone
 from vctgi.stages.cone_tracing.tally import SampleTally
@@ -103,7 +104,7 @@ def test_diffuse_cones_of_points_that_reflect_are_counted_and_no_other(
         cone_count={None: 5, "crassin6": 6, "compix16": 16}[cone_set], cone_set=cone_set
     )
     points, normals = points_in_room(40, seed=2)
-    at = surface_points(points, normals)
+    at = white_receivers(points, normals)
     at.is_valid = dr.arange(mi.UInt32, 40) % 4 != 0
     tally = SampleTally()
     counted = trace_diffuse(at, volume, config, tally=tally)
@@ -131,7 +132,7 @@ def test_real_rays_are_counted_apart_and_end_cones() -> None:
     wall = mi.ScalarTransform4f().translate([0, 0, 0.2]).scale(1.0)
     scene = mi.load_dict({"type": "scene", "wall": {"type": "rectangle", "to_world": wall}})
     # The first point looks at the wall, the second away from it.
-    at = surface_points(np.zeros((2, 3)), np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]))
+    at = white_receivers(np.zeros((2, 3)), np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]))
     config = replace(DiffuseConesConfig(cone_count=1), near_field_voxels=2.0)
     tally = SampleTally()
     trace_diffuse(at, volume, config, scene, tally=tally)

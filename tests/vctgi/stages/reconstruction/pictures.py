@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from tests.vctgi.surface_points import surface_points
+from vctgi.scene.receivers import white_receivers
 from vctgi.scene.records import GBuffer
 from vctgi.stages.reconstruction.config import ReconstructionConfig
 from vctgi.stages.reconstruction.interpolation import interpolate, refine, trace_sparse
@@ -74,7 +74,7 @@ def picture_of(
         is_here = surface == number
         position[is_here] = (depth[..., None] * direction)[is_here]
         normal[is_here] = n
-    points = surface_points(position.reshape(-1, 3), normal.reshape(-1, 3))
+    points = white_receivers(position.reshape(-1, 3), normal.reshape(-1, 3))
     points.depth = mi.Float(np.linalg.norm(position, axis=-1).ravel().astype(np.float32))
     points.is_valid = mi.Bool((surface >= 0).ravel())
     flat = np.ascontiguousarray(place.reshape(-1, 2).T, dtype=np.float32)
