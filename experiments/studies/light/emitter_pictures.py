@@ -29,14 +29,14 @@ UNSEEN = "directional area"
 IN_QUICK = ("point", "constant")
 """A lamp and a light from outside, of which the quick study has a picture."""
 
-EDGE = (96, 32)
+EDGE = (96, 64)
 """Pixels along an edge of a picture, in the whole study and in the quick one."""
 
 PATH_COUNT = (1024, 128)
 BATCH_COUNT = 8
 
-ENERGY_WITHIN = 0.2
-"""As for the form factors of open squares by the default march."""
+ENERGY_WITHIN = 0.15
+"""Of the indirect light of 17 cones in 64 voxels, in a scene with open edges."""
 
 
 @dataclass
