@@ -77,6 +77,8 @@ def trace_near_field(
     is_hit = mi.Bool(si.is_valid()) & active
     facing = face_forward(mi.Vector3f(si.n), -axis)
     radiance, opacity = read_surface(volume, level, si.p, facing, is_hit)
+    # The side that nobody looks at is in no slot: black, as the back of a lamp, but in the way.
+    _, behind = read_surface(volume, level, si.p, -facing, is_hit & (opacity <= 0.0))
     # A surface without opacity, cut away by a mask or missed by the sampled coverage, is not there.
-    is_hit &= opacity > 0.0
+    is_hit &= (opacity > 0.0) | (behind > 0.0)
     return NearField(is_hit, dr.select(is_hit, radiance, 0.0), reach, mi.Float(si.t))
