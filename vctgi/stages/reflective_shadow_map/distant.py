@@ -22,6 +22,7 @@ from vctgi.maths.directions import kronecker_points, kronecker_points_4d, random
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.extent import scene_bounds
 from vctgi.scene.lights import Light
+from vctgi.stages.reflective_shadow_map.dealing import deal, dealt_count, owners, smoothed
 from vctgi.stages.reflective_shadow_map.landing import is_seen
 
 PILOT_RAYS_PER_CELL = 4
@@ -65,12 +66,18 @@ def distant_rays(
     """
     texel_count, most_rays = limits
     cells = _Cells(scene, light, level, texel_count)
-    through = cells.pilot(opacity)
-    dealt = _deal(through, texel_count, cells.axis_count)
-    landing = float(np.mean(through > 0.0, axis=1) @ dealt) / float(dealt.sum())
-    wanted = math.ceil(texel_count / max(landing, LEAST_LANDING_SHARE))
+    weight, landing = cells.pilot(opacity)
+    dealt = deal(weight, texel_count)
+    landed = float((dr.sum(landing * mi.Float(dealt)) / dealt_count(cells.count, texel_count))[0])
+    wanted = math.ceil(texel_count / max(landed, LEAST_LANDING_SHARE))
     ray_count = min(wanted, max(most_rays, cells.count))
-    return cells.rays(_deal(through, ray_count, cells.axis_count))
+    return cells.rays(deal(weight, ray_count), dealt_count(cells.count, ray_count))
+
+
+def _cell_means(value: mi.Float) -> mi.Float:
+    """Mean over the pilot's rays of each cell."""
+    total: mi.Float = dr.block_sum(value, PILOT_RAYS_PER_CELL)
+    return total * (1.0 / PILOT_RAYS_PER_CELL)
 
 
 def survey_distant(light: Light) -> float:
@@ -79,26 +86,6 @@ def survey_distant(light: Light) -> float:
     it = dr.zeros(mi.SurfaceInteraction3f, SURVEY_RAYS)
     _, irradiance = light.emitter.sample_direction(it, kronecker_points(number))
     return float(np.mean(np.array(mi.Color3f(irradiance), dtype=np.float64)))
-
-
-def _deal(through: np.ndarray, texel_count: int, axis_count: int) -> np.ndarray:
-    """Texels of each cell, at least one, from the power [cell, ray] that the pilot got through."""
-    cell_count = len(through)
-    # The variance of a cell's sum goes with the mean square, so the best share with its root.
-    weight = np.sqrt(np.mean(through**2, axis=1))
-    per_axis = round(cell_count ** (1.0 / axis_count))
-    grid = weight.reshape((per_axis,) * axis_count)
-    spread = grid
-    for axis in range(axis_count):
-        sides = np.roll(spread, 1, axis) + np.roll(spread, -1, axis)
-        spread = 0.5 * spread + 0.25 * sides
-    weight = (OWN_SHARE * grid + (1.0 - OWN_SHARE) * spread).ravel()
-    if weight.sum() == 0.0:
-        weight = np.ones(cell_count)
-    spare = max(texel_count - cell_count, 0)
-    ends = np.floor(np.cumsum(weight) * (spare / weight.sum()) + 0.5).astype(np.int64)
-    dealt: np.ndarray = 1 + np.diff(ends, prepend=0)
-    return dealt
 
 
 class _Cells:
@@ -111,26 +98,36 @@ class _Cells:
         self.per_axis = max(1, min(MOST_CELLS_PER_AXIS[self.axis_count], affordable))
         self.count = self.per_axis**self.axis_count
 
-    def pilot(self, opacity: OpacityClipmap | None) -> np.ndarray:
-        """Power [cell, ray] of a few rays of each cell that land where it can be seen, W."""
+    def pilot(self, opacity: OpacityClipmap | None) -> tuple[mi.Float, mi.Float]:
+        """Send a few rays of each cell; return its weight and the share of them that land.
+
+        A ray lands where it can be seen. The variance of a cell's sum goes with the mean square
+        of its power, so the best share of the texels goes with the root of that.
+        """
         lane = dr.arange(mi.UInt32, self.count * PILOT_RAYS_PER_CELL)
         inside = [random_unit(lane, axis) for axis in range(self.axis_count)]
         ray, flux = self._at(lane // PILOT_RAYS_PER_CELL, inside)
         si = self.scene.ray_intersect(ray, as_mask(True))
-        lands = is_seen(si, mi.Vector3f(ray.d), self.level, opacity)
-        power = np.array(dr.select(lands, dr.mean(flux), 0.0), dtype=np.float64)
+        power = mi.Float(dr.mean(flux))
         # A sick light is refused by name where its power is checked.
-        return np.nan_to_num(np.broadcast_to(power, (dr.width(lane),))).reshape(self.count, -1)
+        lands = is_seen(si, mi.Vector3f(ray.d), self.level, opacity) & dr.isfinite(power)
+        power = dr.zeros(mi.Float, dr.width(lane)) + mi.Float(dr.select(lands, power, 0.0))
+        # Over the largest first: the square of a sun's power would overflow.
+        largest = dr.max(power)
+        power = dr.maximum(power, 0.0) / dr.select(largest > 0.0, largest, 1.0)
+        landing = _cell_means(mi.Float(dr.select(power > 0.0, 1.0, 0.0)))
+        own = dr.sqrt(_cell_means(power * power))
+        spread = smoothed(own, self.per_axis, self.axis_count)
+        return OWN_SHARE * own + (1.0 - OWN_SHARE) * spread, landing
 
-    def rays(self, dealt: np.ndarray) -> tuple[mi.Ray3f, mi.Color3f]:
-        """Rays of so many texels for each cell, and the power of each."""
-        texel_count = int(dealt.sum())
-        cell = np.repeat(np.arange(self.count, dtype=np.uint32), dealt)
-        share = np.repeat(1.0 / (self.count * dealt), dealt).astype(np.float32)
+    def rays(self, dealt: mi.UInt32, texel_count: int) -> tuple[mi.Ray3f, mi.Color3f]:
+        """Rays of so many texels for each cell, as many as that in all, and the power of each."""
+        cell = owners(dealt, texel_count)
+        share = 1.0 / (self.count * mi.Float(dr.gather(mi.UInt32, dealt, cell)))
         lane = dr.arange(mi.UInt32, texel_count)
         inside = kronecker_points(lane) if self.axis_count == 2 else kronecker_points_4d(lane)
-        ray, flux = self._at(mi.UInt32(cell), [mi.Float(each) for each in inside])
-        return ray, flux * as_component(mi.Float(share))
+        ray, flux = self._at(cell, [mi.Float(each) for each in inside])
+        return ray, flux * as_component(share)
 
     def _at(self, cell: mi.UInt32, inside: list[mi.Float]) -> tuple[mi.Ray3f, mi.Color3f]:
         """Rays at places inside cells, and the power that all light had if it were like each."""
