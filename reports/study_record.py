@@ -19,6 +19,7 @@ from pydantic import (
 )
 
 from reports.schema import Machine
+from reports.study_figures import Definition, Figure
 
 STUDY_SCHEMA_VERSION: Final = 1
 """Raised by one whenever a reader of the old form would misread the new one."""
@@ -73,6 +74,22 @@ class StudyRecord(_Part):
     """What to type to make this file again."""
     rows: list[StudyRow] = Field(min_length=1)
     machine: Machine
+    question: str = ""
+    """What the study asks."""
+    code: str = ""
+    """Hash of the sources that the numbers and figures come from."""
+    headlines: list[str] = []
+    """Checks that are read first."""
+    figures: list[Figure] = []
+    definitions: list[Definition] = []
+
+    @model_validator(mode="after")
+    def _unique_figures(self) -> StudyRecord:
+        keys = [figure.key for figure in self.figures]
+        repeated = sorted({key for key in keys if keys.count(key) > 1})
+        if repeated:
+            raise ValueError(f"figures of one name: {', '.join(repeated)}")
+        return self
 
 
 def is_within(value: float | None, low: float | None, high: float | None) -> bool:

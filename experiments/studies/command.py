@@ -14,9 +14,17 @@ from experiments.errors import EXIT_DONE, EXIT_FAILED
 from experiments.machine import BackendName, describe_machine
 from experiments.progress import ProgressReport
 from experiments.session import start_mitsuba, writable_file, writable_folder
-from experiments.studies.catalogue import STUDIES, checks_of, find_study, select_checks
+from experiments.studies.catalogue import (
+    STUDIES,
+    checks_of,
+    definitions_of,
+    find_study,
+    select_checks,
+)
 from experiments.studies.check import StudyContext
-from experiments.studies.ledger import Ledger
+from experiments.studies.figures import FigureShelf, curves_of
+from experiments.studies.ledger import Ledger, code_digest
+from experiments.studies.record_folder import RecordFolder
 from experiments.studies.run import run_checks
 from experiments.studies.table import head_line, row_line
 from reference import default_cache_directory
@@ -72,20 +80,46 @@ def run_study(
     chosen_variant = start_mitsuba(variant)
     known = checks_of(entry)
     chosen = select_checks(known, options.only, quick=options.quick)
+    folder = None
     if output is not None:
-        writable_folder(output)
+        folder = RecordFolder(writable_folder(output), name, options.scene)
     if json_file is not None:
         writable_file(json_file, "--json")
     kept = writable_folder(cache or default_cache_directory(), "--cache")
     ledger = Ledger(
         kept / "studies" / f"{name}.jsonl", shlex.join([chosen_variant, *options.words])
     )
+    only = [] if options.only is None else ["--only", options.only]
+    command = shlex.join(["vctgi", "study", name, *options.words, *only])
+    machine, code = describe_machine(cast(BackendName, chosen_variant)), code_digest()
+    points = {check.name: check.points for check in chosen}
+    shelf = FigureShelf(None if folder is None else folder.pictures)
+    if folder is not None and options.resume:
+        for figure in folder.earlier_figures(command, code):
+            shelf.add(figure)
+
+    def record_of(rows: list[StudyRow]) -> StudyRecord:
+        curves = curves_of(rows, points)
+        drawn = {curve.key for curve in curves}
+        return StudyRecord(
+            study=name,
+            quick=options.quick,
+            created=datetime.now(UTC),
+            command=command,
+            rows=rows,
+            machine=machine,
+            question=entry.title,
+            code=code,
+            headlines=[check.name for check in chosen if check.is_headline],
+            figures=[*curves, *(each for each in shelf.figures if each.key not in drawn)],
+            definitions=definitions_of(entry),
+        )
 
     rows: list[StudyRow] = []
     stream = _line_writer()
     with ProgressReport() as progress:
         context = StudyContext(
-            quick=options.quick, progress=progress, output=output, scene=options.scene
+            quick=options.quick, progress=progress, shelf=shelf, scene=options.scene
         )
         if options.quick:
             stream(f"{QUICK_NOTE} {len(chosen)} of {len(known)} numbers are measured.")
@@ -102,20 +136,15 @@ def run_study(
                 stream(f"  with {configuration}")
             stream(row_line(row))
             rows.append(row)
+            if folder is not None:
+                # A run that is killed leaves its figures to be taken up again.
+                folder.write(record_of(rows))
     failed = sum(not row.passed for row in rows)
     stream(f"{len(rows) - failed} of {len(rows)} passed" + (f", {failed} FAILED" if failed else ""))
     if json_file is not None:
-        only = [] if options.only is None else ["--only", options.only]
-        command = shlex.join(["vctgi", "study", name, *options.words, *only])
-        record = StudyRecord(
-            study=name,
-            quick=options.quick,
-            created=datetime.now(UTC),
-            command=command,
-            rows=rows,
-            machine=describe_machine(cast(BackendName, chosen_variant)),
-        )
-        json_file.write_text(record.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        json_file.write_text(record_of(rows).model_dump_json(indent=1) + "\n", encoding="utf-8")
+    if folder is not None:
+        stream(f"page: {folder.write_page()}")
     return EXIT_FAILED if failed else EXIT_DONE
 
 
