@@ -1,4 +1,4 @@
-"""Figures of a study as data: maps, pictures, curves and waterfalls, drawn by whoever shows them."""
+"""Figures of a study as data: maps, pictures, curves and waterfalls, drawn where they are shown."""
 
 from __future__ import annotations
 

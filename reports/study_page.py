@@ -15,8 +15,8 @@ from markupsafe import Markup
 from reports.headline import number
 from reports.image_files import load_image_file
 from reports.pictures import colour_stops, sequential_uri, tone_mapped_uri
-from reports.study_figures import Figure, MapFigure, PictureFigure
-from reports.study_plots import curve_svg, interval_words, waterfall_svg
+from reports.study_figures import Bounded, Figure, MapFigure, PictureFigure
+from reports.study_plots import curve_svg, waterfall_svg
 from reports.study_record import StudyRecord, StudyRow, read_study
 
 STUDY_ORDER = ("leaking", "aliasing", "banding", "flicker", "attribution")
@@ -117,7 +117,7 @@ def study_page(paths: Sequence[Path]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(number=number)
+    environment.filters.update(number=plain_number)
     environment.tests.update(limited=has_limit)
     return environment.get_template("studies.html.j2").render(
         chapters=chapters,
@@ -148,6 +148,17 @@ def study_files(folder: Path) -> list[Path]:
 def has_limit(row: StudyRow) -> bool:
     """Whether anything is asked of a row."""
     return row.limit_low is not None or row.limit_high is not None
+
+
+def plain_number(value: float) -> str:
+    """Write a number for a table; a zero is exact, and has no decimals."""
+    return "0" if value == 0.0 else number(value)
+
+
+def _interval_words(found: Bounded) -> str:
+    if found.low is None or found.high is None:
+        return plain_number(found.value)
+    return f"{plain_number(found.value)} [{plain_number(found.low)} to {plain_number(found.high)}]"
 
 
 def _is_study(path: Path) -> bool:
@@ -223,8 +234,8 @@ def _shown(key: str, folder: Path, figure: Figure, command: str) -> Shown:
     if figure.kind == "curve":
         return Shown(figure=figure, chart=Markup(curve_svg(figure, key=key)))
     notes = tuple(
-        f"{panel.label}: left over with all exact {interval_words(panel.end)}; "
-        f"interaction that no order shares out {number(panel.interaction)}."
+        f"{panel.label}: left over with all exact {_interval_words(panel.end)}; "
+        f"interaction that no order shares out {plain_number(panel.interaction)}."
         for panel in figure.panels
     )
     return Shown(figure=figure, chart=Markup(waterfall_svg(figure, key=key)), notes=notes)

@@ -7,9 +7,14 @@ from itertools import cycle
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, MaxNLocator, NullFormatter, NullLocator
+from matplotlib.ticker import (
+    FixedLocator,
+    FuncFormatter,
+    LogLocator,
+    MaxNLocator,
+    NullLocator,
+)
 
-from reports.headline import number
 from reports.plots import BAR_COLOUR, INK, chart_style, page_svg
 from reports.study_figures import Bounded, CurveFigure, Series, WaterfallFigure, WaterfallPanel
 
@@ -77,8 +82,11 @@ def waterfall_svg(figure: WaterfallFigure, *, key: str) -> str:
 def _line(axes: Axes, series: Series, colour: str, marker: str) -> None:
     values = np.array([each.value for each in series.values])
     lows, highs = (
-        np.array([each.value if end(each) is None else end(each) for each in series.values])
-        for end in (lambda each: each.low, lambda each: each.high)
+        np.array([each.value if end is None else end for each, end in ends])
+        for ends in (
+            [(each, each.low) for each in series.values],
+            [(each, each.high) for each in series.values],
+        )
     )
     is_marked = len(values) <= MOST_MARKED
     if is_marked:
@@ -106,10 +114,15 @@ def _scale(axes: Axes, figure: CurveFigure) -> None:
         axes.set_yscale("log")
         # Ends of intervals below zero must not stretch a logarithmic axis.
         axes.set_ylim(min(values) / 2.0, None)
-        if max(values) > 10.0 * min(values):
-            axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.yaxis.set_major_formatter(FuncFormatter(_tick))
+        axes.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+        axes.yaxis.set_minor_formatter(FuncFormatter(_tick))
     elif min(values) >= 0.0:
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]) if figure.is_y_log else None)
+
+
+def _tick(value: float, _place: int | None) -> str:
+    return f"{value:g}"
 
 
 def _legend(chart: Figure, axes: Axes) -> None:
@@ -169,10 +182,3 @@ def _whisker(axes: Axes, row: float, found: Bounded, before: float | None = None
     if before is not None:
         ends = [before - found.high, before - found.low]
     axes.hlines([row], ends[:1], ends[1:], color=INK, linewidth=1.0)
-
-
-def interval_words(found: Bounded) -> str:
-    """Write a number and its interval."""
-    if found.low is None or found.high is None:
-        return number(found.value)
-    return f"{number(found.value)} [{number(found.low)} to {number(found.high)}]"

@@ -99,6 +99,11 @@ def is_within(value: float | None, low: float | None, high: float | None) -> boo
     return (low is None or value >= low) and (high is None or value <= high)
 
 
+def record_text(record: StudyRecord) -> str:
+    """Return what the file of a record holds."""
+    return record.model_dump_json(indent=1) + "\n"
+
+
 def read_study(path: Path) -> StudyRecord:
     """Read the file of a study.
 

@@ -71,7 +71,12 @@ class FigureShelf:
         """Keep a figure; the first of a name stays."""
         self._figures.setdefault(figure.key, figure)
 
-    def add_map(  # noqa: PLR0913 - what a reader must be told of a map
+    def add_all(self, figures: Sequence[Figure]) -> None:
+        """Keep several figures."""
+        for figure in figures:
+            self.add(figure)
+
+    def add_map(
         self,
         group: str,
         title: str,

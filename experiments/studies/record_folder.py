@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
 from pathlib import Path
 
 from reports.image_files import unused_name_beside
 from reports.study_figures import Figure, MapFigure, PictureFigure
 from reports.study_page import write_study_page
-from reports.study_record import StudyRecord, read_study
+from reports.study_record import StudyRecord, read_study, record_text
 
 
 class RecordFolder:
@@ -60,8 +59,8 @@ class RecordFolder:
     def write(self, record: StudyRecord) -> None:
         """Write the record, whole or not at all."""
         temporary = unused_name_beside(self.record)
-        temporary.write_text(record.model_dump_json(indent=1) + "\n", encoding="utf-8")
-        os.replace(temporary, self.record)
+        temporary.write_text(record_text(record), encoding="utf-8")
+        temporary.replace(self.record)
 
     def write_page(self) -> Path:
         """Write the page of all studies in the folder; return its path."""

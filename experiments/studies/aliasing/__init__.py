@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
+from experiments.studies.aliasing.figures import DEFINITIONS as DEFINITIONS
 from experiments.studies.aliasing.moved_rooms import (
     FINEST_VOXEL,
     HOWS,
@@ -65,6 +66,8 @@ MEASURES: dict[str, Measure] = {
 }
 """What is measured of each sweep."""
 
+HEADLINES = ("power ripple", "temporal difference, RMS")
+
 NOT_OF_CAMERAS = ("power ripple", "voxel period, RMS", "voxel period, share of energy")
 """Moved windows hold other things each time, so nothing comes back."""
 
@@ -94,6 +97,7 @@ def _check(name: str, mover: str, level: int, how: str) -> Check:
         limit_high=LARGEST_RIPPLE if is_held else None,
         goal=1.0 if name == "energy" else 0.0,
         in_quick=level == QUICK_LEVEL and how in QUICK_HOWS,
+        is_headline=level == QUICK_LEVEL and how == SMOOTH and name in HEADLINES,
     )
 
 

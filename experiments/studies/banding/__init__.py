@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from experiments.studies.banding import sweeps
+from experiments.studies.banding import chosen_scene, sweeps
+from experiments.studies.banding.definitions import DEFINITIONS as DEFINITIONS
 from experiments.studies.check import Check
 
-PARTS = [sweeps.checks]
+PARTS = [sweeps.checks, chosen_scene.checks]
 """What is measured, in the order of the table."""
 
 

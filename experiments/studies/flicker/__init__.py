@@ -12,6 +12,8 @@ from functools import partial
 import numpy as np
 
 from experiments.studies.check import Check, Measured, StudyContext
+from experiments.studies.figures import Curve, Point
+from experiments.studies.flicker.definitions import DEFINITIONS as DEFINITIONS
 from experiments.studies.flicker.sequences import SPARSITIES, Sequence, sequence
 from metrics.energy import energy_ratio
 from metrics.flicker import changes, flicker, flicker_rms
@@ -26,18 +28,30 @@ def _energy(found: Sequence, which: tuple[int, bool]) -> Measurement:
     return energy_ratio(found.frames[which].reshape(rows), batches)
 
 
+RMS = "RMS change beyond the truth's"
+
 MEASURES: dict[str, Measure] = {
     "mean change beyond the truth's": lambda found, which: flicker(
         found.frames[which], found.batches, found.motion
     ),
-    "RMS change beyond the truth's": lambda found, which: flicker_rms(
-        found.frames[which], found.batches, found.motion
-    ),
+    RMS: lambda found, which: flicker_rms(found.frames[which], found.batches, found.motion),
     "energy": _energy,
 }
 """What is measured of each sequence."""
 
+OVER_SPARSITY = Curve(
+    group="Change from frame to frame",
+    title="Flicker by the number of camera rays for each that traces cones",
+    caption="RMS change beyond the truth's along exact motion vectors, over the mean light.",
+    x_label="camera rays for each that traces cones",
+    y_label="RMS flicker",
+    is_x_log=True,
+)
+
 SCENE = "built-in cornell_box, or --scene; diffuse light, 4 rays a pixel, 0.44 pixels a frame"
+
+
+WAYS = {False: "single frames", True: "accumulated"}
 
 
 def checks() -> list[Check]:
@@ -55,6 +69,10 @@ def checks() -> list[Check]:
                     scene=SCENE,
                     measure=partial(_measure, name=measure, which=(sparsity, has_history)),
                     goal=1.0 if measure == "energy" else 0.0,
+                    is_headline=measure == RMS,
+                    points=(Point(OVER_SPARSITY, WAYS[has_history], sparsity),)
+                    if measure == RMS
+                    else (),
                 )
                 for measure in MEASURES
             ]

@@ -57,9 +57,7 @@ def add_audit_maps(shelf: FigureShelf, group: str, audit: LeakAudit) -> None:
     )
 
 
-def add_excess_maps(
-    shelf: FigureShelf, group: str, light: np.ndarray, batches: np.ndarray
-) -> None:
+def add_excess_maps(shelf: FigureShelf, group: str, light: np.ndarray, batches: np.ndarray) -> None:
     """Keep both pictures [row, column, rgb] and L3's two maps, of batches [batch, ...]."""
     truth = batches.mean(axis=0)
     if truth.sum() > 0.0:

@@ -88,7 +88,7 @@ LEVEL_BENCHES = {
 
 
 BY_PLACEMENT = Curve(
-    group="Sealed rooms",
+    group="A sealed dark room beside a lit one",
     title="Light in the dark room by the wall's thickness and orientation",
     caption="Mean over eight places in the lattice, 95 % interval; the truth is 0 (L1).",
     x_label="thickness of the wall, voxels",
