@@ -117,7 +117,7 @@ def study_page(paths: Sequence[Path]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(number=plain_number)
+    environment.filters.update(number=plain_number, tick=_tick)
     environment.tests.update(limited=has_limit)
     return environment.get_template("studies.html.j2").render(
         chapters=chapters,
@@ -153,6 +153,10 @@ def has_limit(row: StudyRow) -> bool:
 def plain_number(value: float) -> str:
     """Write a number for a table; a zero is exact, and has no decimals."""
     return "0" if value == 0.0 else number(value)
+
+
+def _tick(value: float) -> str:
+    return f"{value:.3g}".replace("-", "\N{MINUS SIGN}")
 
 
 def _interval_words(found: Bounded) -> str:
@@ -208,7 +212,11 @@ def _galleries(key: str, folder: Path, record: StudyRecord) -> list[Gallery]:
     return [
         Gallery(
             title=title,
-            pictures=[each for each in found if each.uri is not None],
+            # What there is to see comes before what is wrong with it.
+            pictures=sorted(
+                (each for each in found if each.uri is not None),
+                key=lambda each: each.figure.kind != "picture",
+            ),
             charts=[each for each in found if each.chart is not None],
         )
         for title, found in groups.items()

@@ -30,7 +30,7 @@ def checks() -> list[Check]:
     """Return the checks of the chosen scene."""
     return [
         Check(
-            name=f"{CHOSEN}, B1, {WAYS[treatment]}",
+            name=f"{CHOSEN}, B1, {treatment}",
             configuration=f'preset "high", noise {TREATMENTS[treatment][0]}, '
             f"filter {TREATMENTS[treatment][1]}, {PHASE_COUNT} start phases",
             scene="glossy_floor, or the scene of --scene, specular light",
@@ -87,7 +87,9 @@ def _spread(context: StudyContext, treatment: str) -> Measured:
         )
         pictures.append(luminance(view.render(config)))
     found = np.stack(pictures)
-    add_spread_map(context.shelf, title, f"Spread, {WAYS[treatment]}", found, is_glossy)
+    if treatment == "off":
+        context.shelf.add_picture(title, "Specular light, no noise, no filter", view.render(config))
+    add_spread_map(context.shelf, title, WAYS[treatment], found, is_glossy)
     without_one = [
         phase_spread(np.delete(found, left_out, axis=0), is_glossy)
         for left_out in range(PHASE_COUNT)

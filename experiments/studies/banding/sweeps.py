@@ -49,7 +49,7 @@ TREATMENTS: dict[str, tuple[PhaseNoise, SpecularFilter]] = {
 
 WAYS = {"off": "no noise, no filter", "noise": "noise", "on": "noise and filter"}
 
-GROUP = "Glossy floor, light of the march's start phase"
+GROUP = "Glossy floor, by step and roughness"
 NAMES = {"B1": "All that moves with the phase (B1)", "B2": "Bands alone (B2)"}
 
 LEAST_GAIN = 4.0
@@ -167,13 +167,11 @@ def sweep(context: StudyContext, alpha: float, step: float, treatment: str) -> M
             )
             pictures.append(luminance(view.render(config)))
         steps, mask = view.cycles(march)
-        add_spread_map(
-            context.shelf,
-            GROUP,
-            f"alpha {alpha:g}, steps of {step:g} voxel, {WAYS[treatment]}",
-            np.stack(pictures),
-            mask,
-        )
+        group = f"Glossy floor, alpha {alpha:g}, steps of {step:g} voxel"
+        if treatment == "off":
+            light = view.render(config)
+            context.shelf.add_picture(group, "Specular light, no noise, no filter", light)
+        add_spread_map(context.shelf, group, WAYS[treatment], np.stack(pictures), mask)
         return moving_bands(pictures, offsets, steps, mask)
 
     return context.once(f"bands, {alpha}, {step}, {treatment}", render)
