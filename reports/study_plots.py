@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import cycle
 
 import numpy as np
@@ -28,6 +29,9 @@ FORWARD_COLOUR, BACKWARD_COLOUR, END_COLOUR = BAR_COLOUR, "#d98c3f", "#808080"
 
 MOST_TICKS = 8
 """Places on a logarithmic axis that all have their own label."""
+
+LEAST_SPAN = 0.01
+"""Of a linear axis, over the largest value."""
 
 MOST_MARKED = 40
 """Points of a series beyond which none has a mark."""
@@ -117,8 +121,17 @@ def _scale(axes: Axes, figure: CurveFigure) -> None:
         axes.yaxis.set_major_formatter(FuncFormatter(_tick))
         axes.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
         axes.yaxis.set_minor_formatter(FuncFormatter(_tick))
-    elif min(values) >= 0.0:
-        axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]) if figure.is_y_log else None)
+    else:
+        _open_up(axes, values)
+
+
+def _open_up(axes: Axes, values: Sequence[float]) -> None:
+    """Let what is flat look flat: rounding must not fill a chart."""
+    axes.ticklabel_format(axis="y", useOffset=False)
+    low, high = axes.get_ylim()
+    middle, least = 0.5 * (low + high), LEAST_SPAN * max(abs(value) for value in values)
+    if high - low < least:
+        axes.set_ylim(middle - 0.5 * least, middle + 0.5 * least)
 
 
 def _tick(value: float, _place: int | None) -> str:

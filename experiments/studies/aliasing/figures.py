@@ -17,11 +17,12 @@ from metrics.luminance import luminance
 from metrics.voxel_period import PERIOD_RMS_FORMULA, PERIOD_SHARE_FORMULA
 from reports.study_figures import Bounded, CurveFigure, Definition, Series
 
-LARGEST_CHANGE = 0.05
-"""Ends of the colour scale of changes, over the mean light."""
+SCALE_QUANTILE, LEAST_SCALE = 0.97, 1e-4
+"""The colour scale of changes reaches to this quantile of them, but no less than what is rounding,
+over the mean light."""
 
 MOST_RECEIVERS = 48
-"""Rows of a map; more are left out."""
+"""Columns of a map; more are left out."""
 
 METRICS = "metrics/aliasing.py"
 
@@ -107,14 +108,20 @@ def add_sweep_figures(
         )
     true_change = np.diff(luminance(truth), axis=0)
     mean = float(luminance(truth).mean())
-    for how, found in light.items():
-        beyond = (np.diff(luminance(found), axis=0) - true_change) / mean
+    beyond = {
+        how: (np.diff(luminance(found), axis=0) - true_change) / mean
+        for how, found in light.items()
+    }
+    # One scale for all ways to inject.
+    sizes = np.abs(np.stack(list(beyond.values())))
+    scale = max(float(np.quantile(sizes, SCALE_QUANTILE)), LEAST_SCALE)
+    for how, values in beyond.items():
         shelf.add_map(
             group,
             f"Changes beyond the truth's, {how}",
-            beyond.T[:MOST_RECEIVERS],
-            low=-LARGEST_CHANGE,
-            high=LARGEST_CHANGE,
+            values[:, :MOST_RECEIVERS],
+            low=-scale,
+            high=scale,
             unit="of the mean light",
-            caption="A row for each receiver, a column for each step (I2); a pop is a spot (I3).",
+            caption="A column for each receiver, a row for each step (I2); a pop is a spot (I3).",
         )

@@ -10,7 +10,7 @@ from experiments.studies.figures import FigureShelf
 from metrics.flicker import Motion, changes
 from metrics.luminance import luminance
 
-HIGH = 0.5
+HIGH = 0.25
 """End of the colour scale, over the mean light."""
 
 
