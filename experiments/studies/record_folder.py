@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from experiments.scenes import scene_file_name
 from reports.image_files import unused_name_beside
 from reports.study_figures import Figure, MapFigure, PictureFigure
 from reports.study_page import write_study_page
@@ -26,7 +27,8 @@ class RecordFolder:
 
     def __init__(self, folder: Path, study: str, scene: str | None) -> None:
         self._folder = folder
-        place = "" if scene is None else re.sub(r"[^A-Za-z0-9_]+", "-", Path(scene).stem).strip("-")
+        name = "" if scene is None else scene_file_name(Path(scene))
+        place = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-")
         self._stem = f"{study}-{place}" if place else study
 
     @property

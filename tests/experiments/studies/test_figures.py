@@ -123,10 +123,8 @@ def test_figures_of_another_command_or_code_are_not_kept(folder: Path) -> None:
 
 def test_another_scene_has_another_record(folder: Path) -> None:
     run()
-    run("--scene", "scenes/My hall.xml")
-    assert sorted(path.name for path in (folder / "out").glob("*.json")) == [
-        "small-My-hall.json",
-        "small.json",
-    ]
+    run("--scene", "scenes/My hall/scene.xml")
+    names = sorted(path.name for path in (folder / "out").glob("*.json"))
+    assert names == ["small-My-hall.json", "small.json"]
     page = (folder / "out" / "index.html").read_text(encoding="utf-8")
     assert page.count('<section class="record"') == 2
