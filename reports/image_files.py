@@ -144,7 +144,7 @@ def checked_image_path(record_path: Path, record: Record, name: str) -> Path:
             f"{record_path}: no image {name!r}; this record has {', '.join(sorted(record.images))}"
         )
     file = record_path.parent / entry.path
-    _check_file(file, entry, f"image {name!r} of {record_path.name}", record.command)
+    _check_file(file, entry, f"image {name!r}", record.command)
     return file
 
 
