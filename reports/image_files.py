@@ -107,7 +107,7 @@ def load_image_file(folder: Path, entry: ImageFile, command: str) -> NDArray[np.
         The file is missing, altered, not an EXR file, or has other channels.
     """
     file = folder / entry.path
-    _check_file(file, entry, f"image {file.stem!r}", command)
+    _check_file(file, entry, f"image {file.stem!r}", command=command)
     return _read_pixels(file, command)
 
 
@@ -144,14 +144,15 @@ def checked_image_path(record_path: Path, record: Record, name: str) -> Path:
             f"{record_path}: no image {name!r}; this record has {', '.join(sorted(record.images))}"
         )
     file = record_path.parent / entry.path
-    _check_file(file, entry, f"image {name!r}", record.command)
+    owner = f" of {record_path.name}"
+    _check_file(file, entry, f"image {name!r}", owner=owner, command=record.command)
     return file
 
 
-def _check_file(file: Path, entry: ImageFile, what: str, command: str) -> None:
+def _check_file(file: Path, entry: ImageFile, what: str, *, command: str, owner: str = "") -> None:
     if not file.is_file():
         raise ValueError(
-            f"{file}: {what} is missing; keep records and their folders together, or make the "
+            f"{file}: {what}{owner} is missing; keep records and their folders together, or make the "
             f"record again: {command}"
         )
     digest = hashlib.sha256(file.read_bytes()).hexdigest()

@@ -176,7 +176,7 @@ def _is_study(path: Path) -> bool:
 def _rank(record: StudyRecord, path: Path) -> tuple[int, str, str]:
     known = record.study in STUDY_ORDER
     place = STUDY_ORDER.index(record.study) if known else len(STUDY_ORDER)
-    return place, record.study, path.name
+    return place, record.study, path.stem
 
 
 def _chapter(key: str, path: Path, record: StudyRecord) -> Chapter:
