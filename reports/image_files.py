@@ -152,8 +152,8 @@ def checked_image_path(record_path: Path, record: Record, name: str) -> Path:
 def _check_file(file: Path, entry: ImageFile, what: str, *, command: str, owner: str = "") -> None:
     if not file.is_file():
         raise ValueError(
-            f"{file}: {what}{owner} is missing; keep records and their folders together, or make the "
-            f"record again: {command}"
+            f"{file}: {what}{owner} is missing; keep records and their folders together, or make "
+            f"the record again: {command}"
         )
     digest = hashlib.sha256(file.read_bytes()).hexdigest()
     if digest != entry.sha256:
