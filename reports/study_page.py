@@ -72,10 +72,21 @@ class Chapter:
     title: str
     record: StudyRecord
     failed: list[StudyRow]
+    """Those that were refused, too."""
     headlines: list[StudyRow]
     galleries: list[Gallery]
     blocks: list[Block]
     """Of the rows that did not fail."""
+
+    @property
+    def refused_count(self) -> int:
+        """Rows that were not measured."""
+        return sum(bool(row.refused) for row in self.failed)
+
+    @property
+    def failed_count(self) -> int:
+        """Rows that were measured and did not pass."""
+        return len(self.failed) - self.refused_count
 
     @property
     def limited_count(self) -> int:

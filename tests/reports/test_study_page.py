@@ -71,6 +71,14 @@ def test_a_number_that_is_not_finite_is_shown_as_failed(tmp_path: Path) -> None:
     assert "1 of 1 failed" in text
 
 
+def test_a_number_that_was_refused_says_why(tmp_path: Path) -> None:
+    rows = [synthetic.row("hidden", None, refused="the reference is <noisy>")]
+    text = study_page([synthetic.written(tmp_path, rows=rows)])
+    assert "the reference is &lt;noisy&gt;" in text
+    assert "1 of 1 refused" in text
+    assert "1 of 1 failed" not in text
+
+
 def test_a_record_of_before_there_were_figures_has_a_page(tmp_path: Path) -> None:
     content = json.loads(synthetic.written(tmp_path).read_text())
     for name in ("question", "code", "headlines", "figures", "definitions"):

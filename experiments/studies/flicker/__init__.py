@@ -8,12 +8,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
+from experiments.scenes import scene_file_name
 from experiments.studies.check import Check, Measured, StudyContext
 from experiments.studies.figures import Curve, Point
 from experiments.studies.flicker.definitions import DEFINITIONS as DEFINITIONS
+from experiments.studies.flicker.maps import add_flicker_maps
 from experiments.studies.flicker.sequences import SPARSITIES, Sequence, sequence
 from metrics.energy import energy_ratio
 from metrics.flicker import changes, flicker, flicker_rms
@@ -90,8 +93,18 @@ def checks() -> list[Check]:
 
 
 def _measure(context: StudyContext, name: str, which: tuple[int, bool]) -> Measured:
-    found = MEASURES[name](sequence(context), which)
+    slide = sequence(context)
+    _draw(context, slide)
+    found = MEASURES[name](slide, which)
     return Measured(value=found.value, low=found.low, high=found.high)
+
+
+def _draw(context: StudyContext, found: Sequence) -> None:
+    group = "Cornell box" if context.scene is None else scene_file_name(Path(context.scene))
+    draw = partial(
+        add_flicker_maps, context.shelf, group, found.frames, found.batches, found.motion
+    )
+    context.once("flicker maps", draw)
 
 
 def _left(context: StudyContext, sparsity: int) -> Measured:

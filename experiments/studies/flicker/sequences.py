@@ -18,7 +18,6 @@ import vctgi
 from experiments.scenes import load_scene
 from experiments.studies.accuracy.sparse import sparse_config
 from experiments.studies.check import StudyContext
-from experiments.studies.flicker.maps import add_flicker_maps
 from metrics.flicker import Motion, motion_of
 from vctgi.pipeline import TemporalFrame
 from vctgi.stages.reconstruction.temporal import Projection, place_of, project
@@ -102,13 +101,11 @@ def _render(context: StudyContext) -> Sequence:
             places.append(places_before(before, positions[-1]))
         before = project(sensor)
         truth.append(_path_traced(loaded.scene, loaded.sensor_index))
-    found = Sequence(
+    return Sequence(
         frames={key: np.stack(each) for key, each in frames.items()},
         batches=np.stack(truth, axis=1),
         motion=motion_of(np.stack(places), np.stack(positions), np.stack(normals)),
     )
-    add_flicker_maps(context.shelf, loaded.title, found.frames, found.batches, found.motion)
-    return found
 
 
 def move_sensor(sensor: mi.Sensor, world_from_camera: np.ndarray, offset: np.ndarray) -> None:
