@@ -36,6 +36,9 @@ from metrics.voxel_period import voxel_period_rms, voxel_period_share
 SMOOTH = "scatter 3 wide"
 """The way to inject that is asked to be smooth."""
 
+HEADLINES = ("power ripple", "temporal difference, RMS")
+"""What of it is read first."""
+
 CONFIGURATION = 'preset "high" cones, four levels of 32^3'
 
 QUICK_LEVEL = 1
@@ -65,8 +68,6 @@ MEASURES: dict[str, Measure] = {
     "energy": lambda found, how: energy_ratio(found.light[how], found.batches),
 }
 """What is measured of each sweep."""
-
-HEADLINES = ("power ripple", "temporal difference, RMS")
 
 NOT_OF_CAMERAS = ("power ripple", "voxel period, RMS", "voxel period, share of energy")
 """Moved windows hold other things each time, so nothing comes back."""
