@@ -228,7 +228,9 @@ def study(  # noqa: PLR0913 - the options of a command
     scene: Annotated[
         str | None, Parameter(help="Scene for the checks that take one, such as those of speed.")
     ] = None,
-    output: Annotated[Path | None, Parameter(help="Folder for pictures.")] = None,
+    output: Annotated[
+        Path | None, Parameter(help="Folder for record, figures and a page of all studies in it.")
+    ] = None,
     variant: Variant = None,
     cache: Cache = None,
     json_file: JsonFile = None,

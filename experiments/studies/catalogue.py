@@ -8,6 +8,7 @@ from typing import Protocol, cast
 
 from experiments.errors import InputError
 from experiments.studies.check import Check
+from reports.study_figures import Definition
 
 
 class StudyModule(Protocol):
@@ -89,6 +90,11 @@ def checks_of(entry: StudyEntry) -> list[Check]:
     repeated = {name for name in names if names.count(name) > 1}
     assert not repeated, f"{entry.module}: checks of one name: {sorted(repeated)}"
     return found
+
+
+def definitions_of(entry: StudyEntry) -> list[Definition]:
+    """Return what the numbers of a study are, where its module says so in ``DEFINITIONS``."""
+    return list(getattr(import_module(entry.module), "DEFINITIONS", ()))
 
 
 def select_checks(found: list[Check], only: str | None, *, quick: bool = False) -> list[Check]:

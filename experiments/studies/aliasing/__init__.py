@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
+from experiments.studies.aliasing.figures import DEFINITIONS as DEFINITIONS
 from experiments.studies.aliasing.moved_rooms import (
     FINEST_VOXEL,
     HOWS,
@@ -34,6 +35,9 @@ from metrics.voxel_period import voxel_period_rms, voxel_period_share
 
 SMOOTH = "scatter 3 wide"
 """The way to inject that is asked to be smooth."""
+
+HEADLINES = ("power ripple", "temporal difference, RMS")
+"""What of it is read first."""
 
 CONFIGURATION = 'preset "high" cones, four levels of 32^3'
 
@@ -94,6 +98,7 @@ def _check(name: str, mover: str, level: int, how: str) -> Check:
         limit_high=LARGEST_RIPPLE if is_held else None,
         goal=1.0 if name == "energy" else 0.0,
         in_quick=level == QUICK_LEVEL and how in QUICK_HOWS,
+        is_headline=level == QUICK_LEVEL and how == SMOOTH and name in HEADLINES,
     )
 
 

@@ -10,13 +10,13 @@ import numpy as np
 import reference
 import vctgi
 from experiments.scenes import load_scene
+from experiments.studies.attribution.figures import add_waterfall
 from experiments.studies.attribution.pictures import (
     Effort,
     make_volumes,
     render_batches,
     that_matters,
 )
-from experiments.studies.attribution.plot import write_waterfall
 from experiments.studies.attribution.stages import (
     STAGE_TITLES,
     STAGES,
@@ -51,12 +51,15 @@ class Case:
 
     Attributes
     ----------
+    title
+        How the page calls it.
     scene, sensor
         Mitsuba's, and the number of the camera.
     config
         The renderer as it is.
     """
 
+    title: str
     scene: mi.Scene
     sensor: int
     config: RenderConfig
@@ -91,13 +94,13 @@ def load_case(context: StudyContext, name: str) -> Case:
     """
     edge = EDGE[context.quick]
     if name == "open court":
-        return Case(court("constant", edge), 0, small_config())
+        return Case("Open court", court("constant", edge), 0, small_config())
     is_given = name == CHOSEN and context.scene is not None
     loaded = load_scene(
         context.scene if is_given and context.scene else SCENES[name], resolution=edge
     )
     config = vctgi.preset("high") if is_given else small_config()
-    return Case(loaded.scene, loaded.sensor_index, config)
+    return Case(loaded.title, loaded.scene, loaded.sensor_index, config)
 
 
 def _attribute(context: StudyContext, name: str) -> Ledger:
@@ -121,9 +124,7 @@ def _attribute(context: StudyContext, name: str) -> Ledger:
         energy=attribute_error("energy", titles, forward, backward, truth),
         relmse=attribute_error("relmse", titles, forward, backward, truth),
     )
-    if context.output is not None:
-        stem = name.replace(" ", "-").lower()
-        write_waterfall(ledger.energy, ledger.relmse, name, context.output / f"{stem}.svg")
+    add_waterfall(context.shelf, case.title, ledger.energy, ledger.relmse)
     return ledger
 
 

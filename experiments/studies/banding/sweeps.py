@@ -14,7 +14,9 @@ from itertools import pairwise
 import numpy as np
 
 from experiments.studies.accuracy.glossy import RESOLUTION, glossy_view
+from experiments.studies.banding.maps import add_spread_map
 from experiments.studies.check import Check, Measured, StudyContext
+from experiments.studies.figures import Curve, Point
 from metrics.confidence import Estimate
 from metrics.luminance import luminance
 from metrics.moving_bands import MovingBands, moving_bands, ratio_of_bands
@@ -45,6 +47,11 @@ TREATMENTS: dict[str, tuple[PhaseNoise, SpecularFilter]] = {
 }
 """Noise and filter."""
 
+WAYS = {"off": "no noise, no filter", "noise": "noise", "on": "noise and filter"}
+
+GROUP = "Glossy floor, by step and roughness"
+NAMES = {"B1": "All that moves with the phase (B1)", "B2": "Bands alone (B2)"}
+
 LEAST_GAIN = 4.0
 """By how much noise and filter together must lower bands."""
 
@@ -74,12 +81,34 @@ def _values() -> list[Check]:
             limit_high=MOST_BANDS if name == "B2" and step == STEPS_VOXELS[0] else None,
             goal=0.0,
             in_quick=alpha == QUICK_ALPHA,
+            is_headline=step == STEPS_VOXELS[0] and treatment == "on",
+            points=_points(name, alpha, step, treatment),
         )
         for alpha in ALPHAS
         for step in STEPS_VOXELS
         for treatment in TREATMENTS
         for name, measure in (("B1", _spread), ("B2", _power))
     ]
+
+
+def _points(name: str, alpha: float, step: float, treatment: str) -> tuple[Point, ...]:
+    """Return the places of a number on a curve over steps and on one over roughness."""
+    over_step = Curve(
+        group=GROUP,
+        title=f"{NAMES[name]} by the length of a step, alpha {alpha:g}",
+        caption="Mean light is 1; intervals are over tiles of the picture.",
+        x_label="step of the march, voxels of the level read",
+        y_label=name,
+        is_x_log=True,
+        is_y_log=True,
+    )
+    over_alpha = replace(
+        over_step,
+        title=f"{NAMES[name]} by roughness, steps of {step:g} voxel",
+        x_label="GGX alpha of the floor",
+    )
+    way = WAYS[treatment]
+    return Point(over_step, way, step), Point(over_alpha, way, alpha)
 
 
 def _ratios() -> list[Check]:
@@ -138,6 +167,11 @@ def sweep(context: StudyContext, alpha: float, step: float, treatment: str) -> M
             )
             pictures.append(luminance(view.render(config)))
         steps, mask = view.cycles(march)
+        group = f"Glossy floor, alpha {alpha:g}, steps of {step:g} voxel"
+        if treatment == "off":
+            light = view.render(config)
+            context.shelf.add_picture(group, "Specular light, no noise, no filter", light)
+        add_spread_map(context.shelf, group, WAYS[treatment], np.stack(pictures), mask)
         return moving_bands(pictures, offsets, steps, mask)
 
     return context.once(f"bands, {alpha}, {step}, {treatment}", render)
