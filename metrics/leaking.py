@@ -13,7 +13,7 @@ not leak. What is missing stands beside, so that nobody trades one fault for the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -226,6 +226,7 @@ def one_sided_excess(
         ``dark_excess``: sum of max(0, V - R - 3 sigma) over pixels with R below 5 % of the mean,
         and ``missing_energy``: sum of max(0, R - V - 3 sigma) over all, each over the sum of R;
         sigma is the standard error of R. Both see luminance. No dark pixel gives 0, with a note.
+        The values are bounds from below, by what sigma takes off; the high ends allow for that.
 
     Raises
     ------
@@ -240,15 +241,23 @@ def one_sided_excess(
             "sealed_room_ratio for a room that is dark."
         )
 
-    def parts(some: Maps) -> tuple[float, float, int]:
+    def parts(some: Maps, sigmas: float = SIGMA_COUNT) -> tuple[float, float, int]:
         mean, error = some.mean(axis=0), some.std(axis=0, ddof=1) / np.sqrt(len(some))
         is_dark = mean < LIT_SHARE * mean.mean()
-        over = np.maximum(seen - mean - SIGMA_COUNT * error, 0.0)[is_dark].sum()
-        under = np.maximum(mean - seen - SIGMA_COUNT * error, 0.0).sum()
+        over = np.maximum(seen - mean - sigmas * error, 0.0)[is_dark].sum()
+        under = np.maximum(mean - seen - sigmas * error, 0.0).sum()
         return float(over / mean.sum()), float(under / mean.sum()), int(is_dark.sum())
 
-    whole = parts(truth)
+    whole, most = parts(truth), parts(truth, sigmas=0.0)
     without = [parts(np.delete(truth, left_out, axis=0)) for left_out in range(len(truth))]
+
+    def estimate(place: int) -> Estimate:
+        found = estimate_from_leave_one_out(
+            whole[place], np.array([each[place] for each in without])
+        )
+        taken_off = most[place] - whole[place]
+        return replace(found, high=found.high + taken_off)
+
     note = "" if whole[2] else "no pixel of the reference is dark"
     rows = {
         "dark_excess": (0, "sum of max(0, V - R - 3 sigma) where R is dark / sum of R"),
@@ -256,7 +265,7 @@ def one_sided_excess(
     }
     return {
         name: Measurement.from_estimate(
-            estimate_from_leave_one_out(whole[place], np.array([each[place] for each in without])),
+            estimate(place),
             name=name,
             component=component,
             formula=formula,
