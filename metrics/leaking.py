@@ -31,6 +31,9 @@ jackknife leaves one out; `audit_shares` checks for that one."""
 LIT_SHARE = 0.05
 """A pixel is lit if its true light is at least this share of the picture's mean."""
 
+GAIN_TILE = 4
+"""Pixels along an edge of the tiles whose light tells the gain of a picture."""
+
 SIGMA_COUNT = 3.0
 """Standard deviations of the reference that a difference must exceed to be an excess."""
 
@@ -132,15 +135,27 @@ def audit_shares(
 
 
 def picture_gain(audit: LeakAudit) -> float:
-    """Return the median over lit pixels of seen light over true light; 1 where none is lit.
+    """Return the median over tiles of seen light over true light of lit pixels; 1 without any.
 
-    A median, because light in the wrong place would change a mean: half of the pixels may leak
-    before it moves by more than their spread.
+    A median, because light in the wrong place would change a mean: half of the tiles may be wrong
+    before it moves by more than their spread. Tiles, because noise spreads the quotients of single
+    pixels, and where some pixels are wrong the median of all moves with that spread.
     """
     truth = audit.truth.mean(axis=0)
     seen = (audit.gathered - audit.through).mean(axis=0)
     is_lit = truth > LIT_SHARE * max(float(truth.mean()), 0.0)
-    return float(np.median(seen[is_lit] / truth[is_lit])) if is_lit.any() else 1.0
+    lit_truth, lit_seen = (_tile_sums(np.where(is_lit, each, 0.0)) for each in (truth, seen))
+    holds_light = lit_truth > 0.0
+    if not holds_light.any():
+        return 1.0
+    return float(np.median(lit_seen[holds_light] / lit_truth[holds_light]))
+
+
+def _tile_sums(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return sums over tiles, which are cut off at the picture's lower and right rim."""
+    height, width = values.shape
+    rows = np.add.reduceat(values, np.arange(0, height, GAIN_TILE), axis=0)
+    return np.asarray(np.add.reduceat(rows, np.arange(0, width, GAIN_TILE), axis=1))
 
 
 def excess_map(audit: LeakAudit, sign: float) -> NDArray[np.float64]:

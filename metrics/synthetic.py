@@ -180,7 +180,7 @@ def splatted_light(places: Array, receivers: int, width: int) -> tuple[Array, Ar
     away = np.abs(places[:, None] - centres)
     if width == 1:
         weights = (np.argmin(away, axis=1)[:, None] == np.arange(len(centres))).astype(float)
-    elif width == 2:  # noqa: PLR2004 - the order of a spline
+    elif width == 2:
         weights = np.maximum(1.0 - away, 0.0)
     else:
         weights = np.where(away < 0.5, 0.75 - away**2, 0.5 * np.maximum(1.5 - away, 0.0) ** 2)

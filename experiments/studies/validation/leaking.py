@@ -191,6 +191,7 @@ def _one_sided() -> list[Subject]:
                 np.full((4, 4, 3), np.nan), np.ones((BATCHES, 4, 4, 3))
             ),
             faults={f"a share of {fault:g}": (0.0, fault)},
+            is_bound=row == "missing_energy",
         )
         for name, row, known, fault in (
             ("L3 excess in the dark", "dark_excess", KNOWN, KNOWN),

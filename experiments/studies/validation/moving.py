@@ -128,10 +128,8 @@ def _period_share() -> Subject:
 
     def measure(part: float, noise: Noise, seed: int) -> Interval:
         # Both waves fit into the sweep a whole number of times and are orthogonal.
-        mean = sweep().truth.mean()
         other = sweep().rippled(AMPLITUDE * math.sqrt(1.0 - part), period=PERIODS / 11.0)
         found = sweep().rippled(AMPLITUDE * math.sqrt(part)) + other - sweep().truth
-        assert mean > 0.0
         batches = sweep().batches(BATCHES, noise, seed, OWN_NOISE)
         return voxel_period_share(found, batches, sweep().places)
 
@@ -266,7 +264,11 @@ def _flickering() -> list[Subject]:
             answer=AMPLITUDE,
             tolerance=ROUNDING,
             broken=partial(one_nan, metric),
-            faults={"energy times 1.05 every other frame": (0.0, 0.05)},
+            faults={f"energy times {1.0 + fault:g} every other frame": (0.0, fault)},
         )
-        for name, metric in (("flicker, mean", flicker), ("flicker, RMS", flicker_rms))
+        # A distance does not tell from noise what is less than the noise.
+        for name, metric, fault in (
+            ("flicker, mean", flicker, 0.5),
+            ("flicker, RMS", flicker_rms, 0.05),
+        )
     ]
