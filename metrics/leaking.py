@@ -31,7 +31,7 @@ jackknife leaves one out; `audit_shares` checks for that one."""
 LIT_SHARE = 0.05
 """A pixel is lit if its true light is at least this share of the picture's mean."""
 
-GAIN_TILE = 4
+GAIN_TILE = 8
 """Pixels along an edge of the tiles whose light tells the gain of a picture."""
 
 SIGMA_COUNT = 3.0

@@ -135,7 +135,8 @@ def _by_choice() -> Subject:
     hidden = np.random.default_rng(8).uniform(size=CHOICES) ** 4
 
     def chances(share: float) -> np.ndarray:
-        return hidden * share * light.sum() / (light * hidden).sum()
+        found: np.ndarray = hidden * (share * light.sum() / (light * hidden).sum())
+        return found
 
     def measure(share: float, noise: Noise, seed: int) -> Interval:
         shape = (BATCHES, CHOICES)
