@@ -207,6 +207,7 @@ def share_of_choices(
             f"{weights.shape} and {blocked.shape}."
         )
     require_finite(weights, "light")
+    require_finite(blocked, "is_blocked")
     if not weights.sum() > 0.0:
         raise ValueError("light must not be 0 everywhere: nothing can have leaked.")
     leaked, total = (weights * blocked).sum(axis=1), weights.sum(axis=1)
