@@ -10,10 +10,10 @@ References
 ----------
 Tandon, Afonso, Sole, Krasula (2021), "CAMBI: Contrast-aware Multiscale Banding Index", arXiv
 2102.00079, and the description of Netflix/vmaf, `resource/doc/cambi.md`: five scales of weights 16
-to 1, ``c = w p0 pk / (p0 + pk)``, the mean of the largest 60 %, ``max(0, test - reference)``. Written
-anew from these descriptions; without the anti-dither filter (the codes here are exact), the filter
-between scales and the visibility threshold of dark codes, so values compare with one another, not
-with those of the library.
+to 1, ``c = w p0 pk / (p0 + pk)``, the mean of the largest 60 %, ``max(0, test - reference)``.
+Written anew from these descriptions. Left out are the anti-dither filter, as these codes are exact,
+the filter between scales, and the visibility threshold of dark codes; so values compare with one
+another and not with those of the library.
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ def banding_index(codes: Codes) -> float:
 def _contrasts(codes: Codes) -> NDArray[np.float64]:
     """Return c of every pixel; 0 where it is not flat around it."""
     is_flat = _is_flat(codes)
-    found = np.zeros(codes.shape)
+    found: NDArray[np.float64] = np.zeros(codes.shape)
     for code in np.unique(codes[is_flat]):
         here = is_flat & (codes == code)
         own = _share(here)
@@ -165,7 +165,7 @@ def _contrasts(codes: Codes) -> NDArray[np.float64]:
                     beside = _share(other)
                     both = own + beside
                     contrast = weight * own * beside / np.where(both > 0.0, both, 1.0)
-                    found = np.where(here, np.maximum(found, contrast), found)
+                    found[here] = np.maximum(found, contrast)[here]
     return found
 
 
@@ -182,7 +182,7 @@ def _is_flat(codes: Codes) -> NDArray[np.bool_]:
 def _share(chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the share of the window around each pixel that is chosen; nothing lies outside."""
     shares = uniform_filter(chosen.astype(np.float64), WINDOW, mode="constant")
-    return np.maximum(np.asarray(shares), 0.0)
+    return np.asarray(np.maximum(shares, 0.0))
 
 
 def _pooled(contrasts: NDArray[np.float64]) -> float:

@@ -77,7 +77,8 @@ def load_image(record_path: Path, record: Record, name: str) -> NDArray[np.float
     file = checked_image_path(record_path, record, name)
     try:
         channels = OpenEXR.File(str(file), separate_channels=True).channels()
-    except RuntimeError as error:
+    except (RuntimeError, ValueError) as error:
+        # A file that ends early has no parts, which is a ValueError that names no file.
         raise ValueError(
             f"{file}: not a readable EXR file ({error}); make the record again: {record.command}"
         ) from error
