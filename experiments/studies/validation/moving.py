@@ -178,6 +178,7 @@ def _filtered() -> list[Subject]:
                 noises={},
                 broken=_with_nan(metric),
                 faults={"no pre-filter": (3.0, 1.0)},
+                has_interval=False,
             )
         )
     return found
