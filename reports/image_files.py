@@ -114,7 +114,8 @@ def load_image_file(folder: Path, entry: ImageFile, command: str) -> NDArray[np.
 def _read_pixels(file: Path, command: str) -> NDArray[np.float32]:
     try:
         channels = OpenEXR.File(str(file), separate_channels=True).channels()
-    except RuntimeError as error:
+    except (RuntimeError, ValueError) as error:
+        # A file that ends early has no parts, which is a ValueError that names no file.
         raise ValueError(
             f"{file}: not a readable EXR file ({error}); make the record again: {command}"
         ) from error
