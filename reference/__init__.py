@@ -5,6 +5,7 @@ from __future__ import annotations
 from reference.cache import default_cache_directory as default_cache_directory
 from reference.denoised import DenoisedFrame as DenoisedFrame
 from reference.denoised import DenoiserMissingError as DenoiserMissingError
+from reference.denoised import denoise as denoise
 from reference.denoised import render_denoised as render_denoised
 from reference.noise import LEAST_FACTOR as LEAST_FACTOR
 from reference.noise import NoiseFloor as NoiseFloor

@@ -128,6 +128,22 @@ def render_denoised(
     )
 
 
+def denoise(noisy: np.ndarray, *, albedo: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Denoise linear light of few paths.
+
+    Parameters
+    ----------
+    noisy, albedo, normal
+        float32 `[y, x, 3]`, as in `DenoisedFrame`.
+
+    Raises
+    ------
+    DenoiserMissingError
+        pyoidn is not installed, or does not work here.
+    """
+    return _open_image_denoise().denoise(noisy, albedo=albedo, normal=normal, hdr=True)
+
+
 def _open_image_denoise() -> _OpenImageDenoise:
     """Import pyoidn."""
     try:

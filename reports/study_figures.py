@@ -1,4 +1,4 @@
-"""Figures of a study as data: maps, pictures, curves and waterfalls, drawn where they are shown."""
+"""Figures of a study as data: maps, pictures, curves, waterfalls, points; drawn where shown."""
 
 from __future__ import annotations
 
@@ -143,8 +143,52 @@ class WaterfallFigure(_Figure):
         return self
 
 
+class ScatterPoint(_Part):
+    """One of many that are compared by two numbers."""
+
+    name: str
+    family: str
+    """Of its kind: points of one family look alike."""
+    x: Bounded
+    y: Bounded
+    is_front: bool
+    """Whether no other point is better in both numbers."""
+
+
+class ScatterPanel(_Part):
+    """Points by two numbers, of which smaller ones are better; both axes are logarithmic."""
+
+    y_label: str
+    points: list[ScatterPoint] = Field(min_length=1)
+
+
+class ScatterFigure(_Figure):
+    """Points in panels that share the first axis, such as errors over time."""
+
+    kind: Literal["scatter"] = "scatter"
+    x_label: str
+    panels: list[ScatterPanel] = Field(min_length=1)
+    joined: list[str] = []
+    """Families whose points are joined by a line."""
+
+    @model_validator(mode="after")
+    def _can_be_drawn(self) -> ScatterFigure:
+        points = [point for panel in self.panels for point in panel.points]
+        if any(not point.x.value > 0.0 for point in points):
+            raise ValueError(f"scatter {self.title!r}: a logarithmic axis has no place for x <= 0")
+        if not any(point.y.value > 0.0 for point in points):
+            raise ValueError(f"scatter {self.title!r}: no point has y > 0")
+        return self
+
+    @property
+    def families(self) -> list[str]:
+        """Return the families in the order of their first points."""
+        return list(dict.fromkeys(p.family for panel in self.panels for p in panel.points))
+
+
 Figure = Annotated[
-    MapFigure | PictureFigure | CurveFigure | WaterfallFigure, Field(discriminator="kind")
+    MapFigure | PictureFigure | CurveFigure | WaterfallFigure | ScatterFigure,
+    Field(discriminator="kind"),
 ]
 
 

@@ -15,12 +15,13 @@ from markupsafe import Markup
 from reports.headline import number
 from reports.image_files import load_image_file
 from reports.pictures import colour_stops, sequential_uri, tone_mapped_uri
-from reports.study_figures import Bounded, Figure, MapFigure, PictureFigure
+from reports.scatter_plot import scatter_svg
+from reports.study_figures import Bounded, Figure, MapFigure, PictureFigure, ScatterFigure
 from reports.study_plots import curve_svg, waterfall_svg
 from reports.study_record import StudyRecord, StudyRow, read_study
 
-STUDY_ORDER = ("leaking", "aliasing", "banding", "flicker", "attribution")
-"""Artefacts and who is to blame; other studies follow by name."""
+STUDY_ORDER = ("pareto", "leaking", "aliasing", "banding", "flicker", "attribution")
+"""Cost first, then artefacts and who is to blame; other studies follow by name."""
 
 MOST_HEADLINES = 8
 """Rows that are read first where a record names none."""
@@ -44,6 +45,8 @@ class Shown:
     chart: Markup | None = None
     notes: tuple[str, ...] = ()
     """What a waterfall leaves over, in words."""
+    families: tuple[str, ...] = ()
+    """Of points, which can be hidden and shown."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,7 +136,7 @@ def study_page(paths: Sequence[Path]) -> str:
     return environment.get_template("studies.html.j2").render(
         chapters=chapters,
         style=Markup(_part("accuracy.css") + _part("studies.css")),
-        script=Markup(_part("accuracy.js")),
+        script=Markup(_part("accuracy.js") + _part("scatter.js")),
     )
 
 
@@ -252,6 +255,9 @@ def _shown(key: str, folder: Path, figure: Figure, command: str) -> Shown:
         )
     if figure.kind == "curve":
         return Shown(figure=figure, chart=Markup(curve_svg(figure, key=key)))
+    if isinstance(figure, ScatterFigure):
+        chart = Markup(scatter_svg(figure, key=key))
+        return Shown(figure=figure, chart=chart, families=tuple(figure.families))
     notes = tuple(
         f"{panel.label}: left over with all exact {_interval_words(panel.end)}; "
         f"interaction that no order shares out {plain_number(panel.interaction)}."

@@ -49,6 +49,8 @@ class StudyRow(_Part):
     passed: bool
     refused: str = ""
     """Why nothing was measured, such as a reference that is too noisy for it; else empty."""
+    note: str = ""
+    """What a reader must know about this value, such as that it is a bound."""
     how: str
     """The command that gives this one number."""
 

@@ -63,6 +63,10 @@ STUDIES = {
         "experiments.studies.flicker",
         "Does the light of surfaces hold still while the eye moves?",
     ),
+    "pareto": StudyEntry(
+        "experiments.studies.pareto",
+        "How much error is left for how much time, by cones, by paths, by denoised paths?",
+    ),
     "validation": StudyEntry(
         "experiments.studies.validation",
         "Do the metrics of artefacts find what is there, and nothing else?",

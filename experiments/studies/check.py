@@ -22,6 +22,10 @@ INTERVAL_LEVEL = 0.95
 """Probability that an interval holds the true value."""
 
 
+class RefusedError(Exception):
+    """Nothing can be measured, for the reason that the message gives; the row says so."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Measured:
     """A number and its interval, of which both ends are None where it has none."""
@@ -29,6 +33,8 @@ class Measured:
     value: float
     low: float | None = None
     high: float | None = None
+    note: str = ""
+    """What a reader must know about this value, such as that it is a bound."""
 
 
 @dataclass(kw_only=True)

@@ -57,7 +57,8 @@ class Ledger:
         for line in self._file.read_text(encoding="utf-8").splitlines():
             try:
                 row = json.loads(line)
-                found = Measured(value=row["value"], low=row["low"], high=row["high"])
+                numbers = {name: row[name] for name in ("value", "low", "high")}
+                found = Measured(**numbers, note=row.get("note", ""))
                 rows[row["key"]] = found
             except (json.JSONDecodeError, KeyError, TypeError):
                 continue  # a line that a kill cut short

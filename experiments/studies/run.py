@@ -6,7 +6,7 @@ import math
 import shlex
 from collections.abc import Iterator
 
-from experiments.studies.check import Check, Measured, StudyContext
+from experiments.studies.check import Check, Measured, RefusedError, StudyContext
 from experiments.studies.ledger import Ledger
 from reports.study_record import StudyRow, is_within
 
@@ -32,13 +32,17 @@ def run_checks(
     for check in chosen:
         measured = ledger.find(check) if resume else None
         if measured is None:
-            measured = check.measure(context)
+            try:
+                measured = check.measure(context)
+            except RefusedError as error:
+                yield make_row(study, check, Measured(value=math.nan), refused=str(error))
+                continue
             ledger.add(check, measured)
         yield make_row(study, check, measured)
 
 
-def make_row(study: str, check: Check, measured: Measured) -> StudyRow:
-    """Return the row of a measured check."""
+def make_row(study: str, check: Check, measured: Measured, refused: str = "") -> StudyRow:
+    """Return the row of a check that was measured, or was refused for a reason."""
     is_number = math.isfinite(measured.value)
     return StudyRow(
         check=check.name,
@@ -51,5 +55,7 @@ def make_row(study: str, check: Check, measured: Measured) -> StudyRow:
         limit_high=check.limit_high,
         goal=check.goal,
         passed=is_within(measured.value, check.limit_low, check.limit_high),
+        refused=refused,
+        note=measured.note,
         how=f"vctgi study {study} --only {shlex.quote(check.name)}",
     )

@@ -22,8 +22,13 @@ def row_line(row: StudyRow) -> str:
         interval,
         _limits(row.limit_low, row.limit_high),
         _number(row.goal),
-        "passed" if row.passed else "FAILED",
+        _verdict(row),
     )
+
+
+def _verdict(row: StudyRow) -> str:
+    words = f"REFUSED: {row.refused}" if row.refused else "passed" if row.passed else "FAILED"
+    return f"{words} ({row.note})" if row.note else words
 
 
 def _line(*cells: str) -> str:

@@ -1,0 +1,275 @@
+"""All methods of one scene: rendered, timed in random order, compared with one reference."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib.util import find_spec
+from typing import Final, cast
+
+import mitsuba as mi
+import numpy as np
+
+import reference
+from experiments.scenes import LoadedScene, load_scene
+from experiments.studies.check import RefusedError, StudyContext
+from experiments.studies.pareto.clocks import Clocks, Job, time_jobs
+from experiments.studies.pareto.cone_frames import (
+    CAMERA,
+    LIGHTS,
+    STILL,
+    LitScene,
+    indirect_image,
+    light_key,
+)
+from experiments.studies.pareto.methods import (
+    DENOISED,
+    OURS,
+    Method,
+    cone_methods,
+    path_methods,
+)
+from experiments.studies.pareto.path_tracing import PathFrame, PathTracer
+from experiments.studies.pareto.scores import Score, Truth, score, score_all
+from vctgi.config import LEAST_SCATTERING_COUNT, RenderConfig
+from vctgi.pipeline import Frame
+
+QUICK_EDGE: Final = 32
+EDGES: Final = {"llvm_ad_rgb": 64, "cuda_ad_rgb": 256}
+"""Longer edge of the pictures, pixels, in the quick study and in the whole one."""
+
+FIRST_NOISE: Final = {True: 1e-3, False: 3e-4}
+"""Noise relMSE of the reference to begin with, in the quick study and in the whole one."""
+
+NOISE_SHARE: Final = 1.0 / 12.0
+"""Of the smallest error of a preset, that the reference's noise is then brought to, if it must."""
+
+MOST_REFERENCE_PATHS: Final = 1 << 16
+MOST_REFERENCES: Final = 3
+"""Each aims at the noise that the one before it asks for."""
+
+COUNT: Final = LEAST_SCATTERING_COUNT
+"""Scatterings of the light that is compared."""
+
+SEED: Final = 8
+"""Of the order of the methods."""
+
+IMPORT_NAME: Final = "pyoidn"
+"""Of the extra `[denoise]`."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """One method's times by kind of frame, and its errors."""
+
+    method: Method
+    clocks: dict[str, Clocks]
+    score: Score
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What was found of a scene.
+
+    Attributes
+    ----------
+    loaded
+        The scene.
+    results
+        By name of method.
+    noise
+        Of the reference, relMSE of its indirect light.
+    """
+
+    loaded: LoadedScene
+    results: dict[str, Result]
+    noise: reference.NoiseFloor
+
+
+def has_denoiser() -> bool:
+    """Whether the extra that denoises is installed."""
+    return find_spec(IMPORT_NAME) is not None
+
+
+def bench_of(context: StudyContext, source: str) -> Bench:
+    """Return what was found of a scene, measured once.
+
+    Raises
+    ------
+    RefusedError
+        No reference is good enough.
+    """
+
+    def measure() -> Bench | RefusedError:
+        try:
+            return _measure(context, source)
+        except reference.NoisyReferenceError as error:
+            return RefusedError(str(error))
+
+    found = context.once(f"pareto of {source}", measure)
+    if isinstance(found, RefusedError):
+        raise found
+    return found
+
+
+@dataclass
+class _Kept:
+    """Times and pictures as they come."""
+
+    clocks: dict[tuple[str, str], Clocks]
+    pictures: dict[str, list[np.ndarray]]
+
+    def take(self, jobs: dict[tuple[str, str], Job]) -> None:
+        self.clocks |= {key: job.clocks for key, job in jobs.items()}
+
+
+def _measure(context: StudyContext, source: str) -> Bench:
+    edge = QUICK_EDGE if context.quick else EDGES[str(mi.variant())]
+    loaded = load_scene(source, resolution=edge)
+    random = np.random.default_rng(SEED)
+    kept = _Kept({}, {})
+    cones = cone_methods(quick=context.quick)
+    paths = [
+        each
+        for each in path_methods(quick=context.quick)
+        if each.family != DENOISED or has_denoiser()
+    ]
+    blocks: dict[RenderConfig, list[Method]] = {}
+    for method in cones:
+        if not method.renders_like:
+            assert method.config is not None, "cones have a configuration"
+            blocks.setdefault(light_key(method.config), []).append(method)
+    work: list[Callable[[Callable[[float], None]], None]] = [
+        partial(_time_cones, loaded, key, (block, cones), kept, random)
+        for key, block in blocks.items()
+    ]
+    work.append(partial(_time_paths, loaded, paths, kept, random))
+    for done, index in enumerate(random.permutation(len(work))):
+        work[index](lambda share, done=done: context.progress("timing", (done + share) / len(work)))
+    for method in cones:
+        if method.renders_like:
+            kept.clocks[method.name, STILL] = kept.clocks[method.renders_like, STILL]
+    found = {each.name: each for each in (*cones, *paths)}
+    truth, noise = _find_truth(context, loaded, kept.pictures, found)
+    scores = score_all(kept.pictures, truth)
+    return Bench(
+        loaded,
+        {
+            name: Result(
+                method,
+                {kind: clocks for (each, kind), clocks in kept.clocks.items() if each == name},
+                scores[name],
+            )
+            for name, method in found.items()
+        },
+        noise,
+    )
+
+
+def _time_cones(
+    loaded: LoadedScene,
+    key: RenderConfig,
+    methods: tuple[list[Method], list[Method]],
+    kept: _Kept,
+    random: np.random.Generator,
+    progress: Callable[[float], None],
+) -> None:
+    """Time the methods that gather from the same voxels, and moving frames of the presets.
+
+    Parameters
+    ----------
+    loaded, key
+        The scene, and how its voxels are lit.
+    methods
+        Those that are rendered, and all, some of which have their pictures from them.
+    kept
+        Takes times and pictures.
+    random, progress
+        As `time_jobs` takes them.
+    """
+    lit = LitScene.of(loaded, key)
+    block, all_methods = methods
+    jobs = {}
+    for method in block:
+        config = method.config
+        assert config is not None, "cones have a configuration"
+        alike = [method, *(each for each in all_methods if each.renders_like == method.name)]
+
+        def keep(frame: object, alike: list[Method] = alike) -> None:
+            for each in alike:
+                image = indirect_image(cast(Frame, frame), each)
+                kept.pictures.setdefault(each.name, []).append(image)
+
+        jobs[method.name, STILL] = Job(lit.still(config), keep)
+        if method.family == OURS:
+            jobs[method.name, LIGHTS] = Job(lit.moving_lights(config))
+            jobs[method.name, CAMERA] = Job(lit.moving_camera(config))
+    time_jobs(list(jobs.values()), random, progress=progress)
+    kept.take(jobs)
+
+
+def _time_paths(
+    loaded: LoadedScene,
+    methods: list[Method],
+    kept: _Kept,
+    random: np.random.Generator,
+    progress: Callable[[float], None],
+) -> None:
+    sensor = loaded.scene.sensors()[loaded.sensor_index]
+    tracer = PathTracer(scene=loaded.scene, sensor=sensor, scattering_count=COUNT)
+    height, width = tracer.size
+    jobs = {}
+    for method in methods:
+        trace = tracer.denoised if method.family == DENOISED else tracer.frame
+
+        def keep(frame: object, name: str = method.name) -> None:
+            image = cast(PathFrame, frame).image(height, width)
+            kept.pictures.setdefault(name, []).append(image)
+
+        jobs[method.name, STILL] = Job(partial(trace, method.samples_per_pixel), keep)
+    time_jobs(list(jobs.values()), random, progress=progress)
+    kept.take(jobs)
+
+
+def _find_truth(
+    context: StudyContext,
+    loaded: LoadedScene,
+    pictures: dict[str, list[np.ndarray]],
+    methods: dict[str, Method],
+) -> tuple[Truth, reference.NoiseFloor]:
+    """Return a reference whose noise is ten times below the smallest error of a preset.
+
+    Raises
+    ------
+    NoisyReferenceError
+        There is none with as many paths as are allowed.
+    """
+    presets = [name for name, method in methods.items() if method.family == OURS]
+    target = reference.ReferenceTarget(
+        relmse=FIRST_NOISE[context.quick],
+        component="indirect",
+        most_samples_per_pixel=MOST_REFERENCE_PATHS,
+        scattering_count=COUNT,
+    )
+    for _ in range(MOST_REFERENCES):
+        found = reference.render_to_target(
+            loaded.scene,
+            sensor=loaded.sensor_index,
+            target=target,
+            cache_directory=None,
+            progress=lambda share: context.progress("path tracing", share),
+        )
+        shared = found.mean("direct") + found.mean("emission")
+        truth = Truth.of(found.batches("indirect"), shared)
+        smallest = min(score(pictures[name][:1], truth).relmse.value for name in presets)
+        noise = reference.noise_floor(found, "indirect")
+        if smallest <= 0.0 or noise.upper <= reference.target_from_difference(smallest):
+            break
+        target = replace(target, relmse=NOISE_SHARE * smallest)
+    if not smallest > 0.0:
+        raise reference.NoisyReferenceError(
+            f"the error of a preset is hidden by the noise of the reference ({noise.value:.2g})."
+        )
+    reference.require_low_noise(found, smallest, ("indirect",))
+    return truth, noise
