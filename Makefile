@@ -5,7 +5,7 @@ SHELL := bash
 VENV := .venv/bin
 OUTPUT := build/report
 
-.PHONY: help setup report test test-slow test-gpu check format gate clean
+.PHONY: help setup report test test-slow test-gpu check format gate publish clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## */  make \1\t/' | expand -t 18
@@ -43,6 +43,14 @@ gate: setup  ## check two small scenes against tests/gates
 	@mkdir -p build/gate
 	@$(VENV)/vctgi gate tests/gates/gates.toml --variant llvm_ad_rgb --mutants --output build/gate --junit build/gate/junit.xml \
 		--markdown build/gate/summary.md
+
+publish: setup  ## the committed snapshot reports/published: pages, charts, summary (20 minutes on two cores)
+	@$(VENV)/vctgi report --preset all --resolution 96 --output build/publish/report
+	@for study in pareto leaking banding aliasing flicker; do \
+		$(VENV)/vctgi study $$study --quick --output build/publish/studies || [ $$? -eq 1 ]; \
+	done
+	@$(VENV)/python -m reports.publish --report build/publish/report --studies build/publish/studies \
+		--output reports/published
 
 clean:  ## remove what the commands made; keep .venv and the references outside build
 	@rm -rf build out .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

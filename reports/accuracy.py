@@ -68,13 +68,15 @@ class Part:
     comparison: Comparison | None = None
 
 
-def accuracy_report(record_paths: Sequence[Path]) -> str:
+def accuracy_report(record_paths: Sequence[Path], *, studies_page: str | None = None) -> str:
     """Build the page; the same records give the same characters.
 
     Parameters
     ----------
     record_paths
         Record files; their images are read beside them and checked.
+    studies_page
+        Name of the page of studies beside this one, if there is one.
 
     Returns
     -------
@@ -115,6 +117,7 @@ def accuracy_report(record_paths: Sequence[Path]) -> str:
     page = environment.get_template("accuracy.html.j2")
     return page.render(
         sections=sections,
+        studies_page=studies_page,
         parts=parts,
         headlines=HEADLINES,
         overview=None if overview is None else Markup(overview),

@@ -74,6 +74,16 @@ def scatter_svg(figure: ScatterFigure, *, key: str) -> str:
     return _with_points(text, key, figure, shown)
 
 
+def scatter_file(figure: ScatterFigure) -> str:
+    """Return the chart as a file of its own, dark on white, for pages that show pictures."""
+    text = scatter_svg(figure, key=figure.key)
+    opening = (
+        '<svg xmlns="http://www.w3.org/2000/svg" '
+        'style="color: #1b1b1b; background: #fff; font-family: sans-serif" '
+    )
+    return text.replace("<svg ", opening, 1) + "\n"
+
+
 def point_text(point: ScatterPoint, x_label: str, y_label: str) -> str:
     """Return what a reader is told of a point."""
     front = "; on the front" if point.is_front else ""

@@ -97,13 +97,15 @@ class Chapter:
         return sum(has_limit(row) for row in self.record.rows)
 
 
-def study_page(paths: Sequence[Path]) -> str:
+def study_page(paths: Sequence[Path], *, accuracy_page: str | None = None) -> str:
     """Build the page; the same records give the same characters.
 
     Parameters
     ----------
     paths
         Files of records; pictures are read beside them and checked.
+    accuracy_page
+        Name of the page of accuracy beside this one, if there is one.
 
     Returns
     -------
@@ -135,6 +137,7 @@ def study_page(paths: Sequence[Path]) -> str:
     environment.tests.update(limited=has_limit)
     return environment.get_template("studies.html.j2").render(
         chapters=chapters,
+        accuracy_page=accuracy_page,
         style=Markup(_part("accuracy.css") + _part("studies.css")),
         script=Markup(_part("accuracy.js") + _part("scatter.js")),
     )

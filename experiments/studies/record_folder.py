@@ -1,4 +1,4 @@
-"""The folder of `--output`: the records of studies, their pictures, and one page of all."""
+"""The folder of `--output`: the records of studies, their pictures, one page and one summary."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from pathlib import Path
 from experiments.scenes import scene_file_name
 from reports.image_files import unused_name_beside
 from reports.study_figures import Figure, MapFigure, PictureFigure
-from reports.study_page import write_study_page
+from reports.study_markdown import SUMMARY_NAME, study_summary
+from reports.study_page import study_files, write_study_page
 from reports.study_record import StudyRecord, read_study, record_text
 
 
@@ -65,5 +66,7 @@ class RecordFolder:
         temporary.replace(self.record)
 
     def write_page(self) -> Path:
-        """Write the page of all studies in the folder; return its path."""
+        """Write the page and the Markdown summary of all studies in the folder; return the page."""
+        summary = study_summary(study_files(self._folder))
+        (self._folder / SUMMARY_NAME).write_text(summary, encoding="utf-8")
         return write_study_page(self._folder)

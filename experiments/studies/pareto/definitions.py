@@ -41,7 +41,8 @@ DEFINITIONS = (
     Definition(
         name="moving camera, moving lights",
         formula="windows of the clipmap moved by two of the finest voxels, entered slabs "
-        "voxelized, light maps, injection, downsampling, gathering; the same without voxelizing. Paths start "
+        "voxelized, light maps, injection, downsampling, gathering; the same without "
+        "voxelizing. Paths start "
         "anew with every frame, so their time is that of a still frame",
         source="experiments/studies/pareto/cone_frames.py",
     ),

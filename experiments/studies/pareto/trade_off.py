@@ -18,7 +18,7 @@ from scipy.special import stdtrit
 
 from experiments.studies.check import INTERVAL_LEVEL, Measured
 
-DRAWS: Final = 2000
+DRAWS: Final = 1000
 """Of all errors at once, for the interval of a crossing."""
 
 HALF_WIDTHS: Final = 1.959964

@@ -10,6 +10,10 @@ import pytest
 from experiments.cli import main
 from experiments.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAILED
 from experiments.studies.catalogue import STUDIES, StudyEntry
+from experiments.studies.check import Check, Measured, RefusedError, StudyContext
+from experiments.studies.ledger import Ledger
+from experiments.studies.run import run_checks
+from experiments.studies.table import row_line
 from reports.study_record import StudyRecord, read_study
 from tests.experiments.studies import small_study
 
@@ -55,6 +59,33 @@ def test_all_rows_passed_is_exit_code_0(capsys: pytest.CaptureFixture[str]) -> N
     out = capsys.readouterr().out
     assert "1 of 1 passed" in out
     assert "quick" not in out
+
+
+def test_a_check_that_refuses_says_why_and_is_asked_again(tmp_path: Path) -> None:
+    def refuse(_context: StudyContext) -> Measured:
+        raise RefusedError("the reference is too noisy")
+
+    check = Check(name="hidden", configuration="plain", scene="none", measure=refuse)
+    ledger = Ledger(tmp_path / "ledger.jsonl", "")
+    context = StudyContext(quick=False, progress=lambda *_: None)
+    (row,) = run_checks("small", [check], context, ledger, resume=True)
+    assert (row.value, row.passed, row.refused) == (None, False, "the reference is too noisy")
+    assert "REFUSED: the reference is too noisy" in row_line(row)
+    assert ledger.find(check) is None
+
+
+def test_a_note_outlives_a_run(tmp_path: Path) -> None:
+    check = Check(
+        name="bound",
+        configuration="plain",
+        scene="none",
+        measure=lambda _: Measured(value=2.0, note="at least"),
+    )
+    context = StudyContext(quick=False, progress=lambda *_: None)
+    for _ in range(2):
+        ledger = Ledger(tmp_path / "ledger.jsonl", "")
+        (row,) = run_checks("small", [check], context, ledger, resume=True)
+        assert row.note == "at least"
 
 
 def test_the_table_shows_failures(capsys: pytest.CaptureFixture[str]) -> None:
@@ -110,7 +141,7 @@ def test_the_json_file_has_the_promised_names() -> None:
     assert {"study", "quick", "rows", "machine"} <= set(content)
     assert set(content["rows"][0]) == {
         *("check", "configuration", "scene", "value", "low", "high"),
-        *("limit_low", "limit_high", "goal", "passed", "refused", "how"),
+        *("limit_low", "limit_high", "goal", "passed", "refused", "note", "how"),
     }
 
 

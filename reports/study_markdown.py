@@ -1,0 +1,91 @@
+"""Records of studies -> Markdown for a pull request: what failed, and what is read first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from reports.headline import number
+from reports.markdown import MARKUP
+from reports.study_record import StudyRecord, StudyRow, read_study
+
+MOST_ROWS = 40
+"""Of a study; the page has the others."""
+
+SUMMARY_NAME = "summary.md"
+
+
+def study_summary(paths: Sequence[Path]) -> str:
+    """Return a table for each study: rows that failed, then its headlines.
+
+    Raises
+    ------
+    ValueError
+        There is no record, or one is broken.
+    """
+    if not paths:
+        raise ValueError(
+            "study_summary: no record given; make one with `vctgi study NAME --output`"
+        )
+    records = [(path, read_study(path)) for path in sorted(paths)]
+    return "\n".join(_part(path, record) for path, record in records)
+
+
+def _part(path: Path, record: StudyRecord) -> str:
+    failed = [row for row in record.rows if not row.passed]
+    headlines = [row for row in record.rows if row.passed and row.check in record.headlines]
+    listed = [*failed, *headlines]
+    machine = record.machine
+    lines = [
+        f"### {_cell(path.stem)}",
+        "",
+        _cell(record.question),
+        "",
+        f"{len(failed)} of {len(record.rows)} numbers did not pass. "
+        f"Made by `{record.command}` on {_cell(machine.device)}, commit {machine.commit[:12]}"
+        f"{', with uncommitted changes' if machine.is_dirty else ''}"
+        f"{'; the quick version' if record.quick else ''}.",
+        "",
+    ]
+    if listed:
+        lines += [
+            "| number | value (95 % interval) | limit | verdict |",
+            "| --- | ---: | ---: | --- |",
+        ]
+        lines += [_line(row) for row in listed[:MOST_ROWS]]
+        if len(listed) > MOST_ROWS:
+            lines += ["", f"{len(listed) - MOST_ROWS} more are on the page."]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _line(row: StudyRow) -> str:
+    note = f", {_cell(row.note)}" if row.note else ""
+    verdict = f"refused: {_cell(row.refused)}" if row.refused else _verdict(row)
+    return f"| {_cell(row.check)} | {_value(row)}{note} | {_limit(row)} | {verdict} |"
+
+
+def _verdict(row: StudyRow) -> str:
+    if not row.passed:
+        return "**failed**"
+    return "passed" if row.limit_low is not None or row.limit_high is not None else ""
+
+
+def _value(row: StudyRow) -> str:
+    if row.value is None:
+        return "\N{EN DASH}"
+    if row.low is None or row.high is None:
+        return number(row.value)
+    return f"{number(row.value)} ({number(row.low)} to {number(row.high)})"
+
+
+def _limit(row: StudyRow) -> str:
+    if row.limit_low is not None and row.limit_high is not None:
+        return f"{number(row.limit_low)} to {number(row.limit_high)}"
+    if row.limit_low is not None:
+        return f"\N{GREATER-THAN OR EQUAL TO} {number(row.limit_low)}"
+    return "" if row.limit_high is None else f"\N{LESS-THAN OR EQUAL TO} {number(row.limit_high)}"
+
+
+def _cell(text: str) -> str:
+    return MARKUP.sub(r"\\\1", " ".join(text.split()))

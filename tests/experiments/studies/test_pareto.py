@@ -1,0 +1,178 @@
+"""The study "pareto": its competitor has the reference's transport, its clocks are warm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import reference
+import vctgi
+from experiments.scenes import LoadedScene, load_scene
+from experiments.studies.pareto import checks
+from experiments.studies.pareto.bench import COUNT, has_denoiser
+from experiments.studies.pareto.clocks import WARM_FRAMES, Job, time_jobs, timed_frame
+from experiments.studies.pareto.cone_frames import LitScene, indirect_image, light_key
+from experiments.studies.pareto.methods import (
+    FAMILIES,
+    HIGH,
+    PRESET_NAMES,
+    cone_methods,
+    methods,
+    path_name,
+)
+from experiments.studies.pareto.path_tracing import PathTracer
+from experiments.studies.pareto.scores import Truth, score
+from vctgi.clipmap.levels import ClipmapConfig
+from vctgi.config import peer_names, preset
+
+pytestmark = pytest.mark.usefixtures("variant")
+
+EDGE = 16
+BATCHES = 8
+PATHS = 512
+MOST_DEVIATION = 4.0
+"""Standard errors between two independent means: one pair in 16 000 is farther apart."""
+SINGLE_PRECISION = 1e-5
+
+
+@pytest.fixture(scope="module")
+def box(variant: str) -> LoadedScene:
+    return load_scene("cornell_box", resolution=EDGE)
+
+
+def tracer_of(box: LoadedScene) -> PathTracer:
+    return PathTracer(
+        scene=box.scene, sensor=box.scene.sensors()[box.sensor_index], scattering_count=COUNT
+    )
+
+
+@pytest.fixture(scope="module")
+def truth(box: LoadedScene) -> reference.Reference:
+    request = reference.ReferenceRequest(
+        samples_per_pixel=BATCHES * PATHS, batch_count=BATCHES, rest_samples_per_pixel=0
+    )
+    return reference.render_reference(box.scene, request=request, cache_directory=None)
+
+
+def test_paths_carry_the_light_of_the_reference(
+    box: LoadedScene, truth: reference.Reference
+) -> None:
+    tracer = tracer_of(box)
+    means = [float(tracer.frame(PATHS, seed).image(EDGE, EDGE).mean()) for seed in range(BATCHES)]
+    known = truth.batches("indirect").mean(axis=(1, 2, 3))
+    spread = np.hypot(np.std(means, ddof=1), known.std(ddof=1)) / np.sqrt(BATCHES)
+    assert abs(np.mean(means) - known.mean()) <= MOST_DEVIATION * spread
+
+
+def test_the_error_of_paths_falls_fourfold_with_four_times_the_samples(
+    box: LoadedScene, truth: reference.Reference
+) -> None:
+    shared = truth.mean("direct") + truth.mean("emission")
+    compared = Truth.of(truth.batches("indirect"), shared)
+    tracer = tracer_of(box)
+    few, many = (
+        score([tracer.frame(n, seed).image(EDGE, EDGE) for seed in range(5)], compared).relmse
+        for n in (16, 64)
+    )
+    assert 2.0 < few.value / many.value < 8.0
+    assert few.low is not None
+    assert few.low < few.value
+
+
+def test_a_denoiser_takes_noise_away(box: LoadedScene, truth: reference.Reference) -> None:
+    if not has_denoiser():
+        pytest.skip("the extra [denoise] is missing")
+    tracer = tracer_of(box)
+    known = truth.mean("indirect")
+    frame = tracer.denoised(16, 0)
+    errors = [
+        float(np.mean((each.image(EDGE, EDGE) - known) ** 2))
+        for each in (tracer.frame(16, 0), frame)
+    ]
+    assert errors[1] < errors[0]
+    assert frame.host_seconds > 0.0
+
+
+def test_a_published_scale_is_a_factor_on_the_diffuse_light(box: LoadedScene) -> None:
+    name = "peer:compix"
+    small = {"clipmap": ClipmapConfig(resolution=16), "samples_per_pixel": 1}
+    plain, published = (replace(preset(name + end), **small) for end in ("", ":published"))
+    scaled = next(each for each in cone_methods(quick=False) if each.name == f"{name}:published")
+    assert scaled.renders_like == name
+    lit = LitScene.of(box, light_key(plain))
+    own = next(each for each in cone_methods(quick=False) if each.name == name)
+    sensor = box.scene.sensors()[box.sensor_index]
+    by_gain = indirect_image(vctgi.render_frame(lit.prepared, lit.lit.volume, plain), scaled)
+    prepared = vctgi.prepare_scene(box.scene, sensor, published)
+    volume = vctgi.light_volume(prepared, published).volume
+    rendered = indirect_image(vctgi.render_frame(prepared, volume, published), own)
+    assert by_gain == pytest.approx(rendered, rel=SINGLE_PRECISION, abs=SINGLE_PRECISION)
+    assert scaled.gain > 1.0
+
+
+def test_moved_windows_change_voxels_and_come_back(box: LoadedScene) -> None:
+    config = replace(preset("medium"), clipmap=ClipmapConfig(resolution=16), samples_per_pixel=1)
+    lit = LitScene.of(box, light_key(config))
+    method = next(each for each in cone_methods(quick=False) if each.name == "medium")
+    render = lit.moving_camera(config)
+    _, back = indirect_image(render(0), method), indirect_image(render(0), method)
+    still = indirect_image(lit.still(config)(0), method)
+    # An update is equal to a rebuild bit for bit, and the second step is back where it began.
+    assert back == pytest.approx(still, rel=SINGLE_PRECISION, abs=SINGLE_PRECISION)
+    assert indirect_image(lit.moving_lights(config)(0), method) == pytest.approx(still)
+
+
+def test_only_warm_frames_are_timed() -> None:
+    seeds: list[int] = []
+
+    def render(seed: int) -> mi.Float:
+        seeds.append(seed)
+        # New code for the first two frames, then always the same.
+        value = dr.arange(mi.Float, 1 << 10) * (0.123 + 0.001 * min(seed, 1))
+        dr.eval(value)
+        return value
+
+    kept: list[object] = []
+    job = Job(render, kept.append)
+    time_jobs([job], np.random.default_rng(0), repetitions=5)
+    assert len(job.clocks.warm) == len(kept) == 5
+    assert len(seeds) - 5 >= WARM_FRAMES
+    assert all(frame.compiled == 0 for frame in job.clocks.warm)
+    assert all(0.0 < frame.device <= frame.wall for frame in job.clocks.warm)
+    assert timed_frame(render, 5)[0].compiled == 0
+
+
+def test_a_frame_that_always_compiles_is_refused() -> None:
+    def render(seed: int) -> mi.Float:
+        value = dr.arange(mi.Float, 1 << 10) * (0.77 + 0.01 * seed)
+        dr.eval(value)
+        return value
+
+    dr.flush_kernel_cache()
+    with pytest.raises(RuntimeError, match="no frame is warm"):
+        time_jobs([Job(render)], np.random.default_rng(0))
+
+
+def test_all_presets_recipes_and_counts_are_compared() -> None:
+    found = methods(quick=False)
+    names = [each.name for each in found]
+    assert len(names) == len(set(names))
+    assert {each.family for each in found} == set(FAMILIES)
+    assert set(PRESET_NAMES) < set(names)
+    assert {path_name(1 << power) for power in range(13)} < set(names)
+    assert {name for name in peer_names() if ":published" not in name} < set(names)
+    assert sum(each.is_on_floor for each in found) >= 4
+
+
+def test_checks_name_what_they_are_of() -> None:
+    found = checks()
+    names = [each.name for each in found]
+    assert len(names) == len(set(names))
+    assert [each for each in found if each.in_quick and "cornell_box" not in each.name] == []
+    slopes = [each for each in found if "slope" in each.name and each.limit_low is not None]
+    assert {(each.limit_low, each.limit_high) for each in slopes} == {(-1.15, -0.85)}
+    assert any(each.is_headline and HIGH in each.name for each in found)
