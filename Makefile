@@ -45,7 +45,7 @@ gate: setup  ## check two small scenes against tests/gates
 		--markdown build/gate/summary.md
 
 publish: setup  ## the committed snapshot reports/published: pages, charts, summary (20 minutes on two cores)
-	@$(VENV)/vctgi report --preset all --resolution 96 --output build/publish/report
+	@$(VENV)/vctgi report --resolution 96 --output build/publish/report
 	@for study in pareto leaking banding aliasing flicker; do \
 		$(VENV)/vctgi study $$study --quick --output build/publish/studies || [ $$? -eq 1 ]; \
 	done

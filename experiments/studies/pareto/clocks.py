@@ -39,7 +39,7 @@ class FrameTime:
     wall
         Until the device had finished, seconds.
     compiled
-        Kernels that were not there yet.
+        Kernels that were not in memory yet, but compiled or read from disk.
     """
 
     device: float
@@ -103,8 +103,10 @@ def timed_frame(render: Render, seed: int) -> tuple[FrameTime, object]:
         kernels = dr.kernel_history()
     device = sum(kernel["execution_time"] for kernel in kernels) / 1e3
     # Entries that are not traced code, such as sums, have no say in compiling.
-    compiled = sum(kernel.get("cache_hit", True) is False or kernel.get("cache_hit") == 0
-                   for kernel in kernels)  # fmt: skip
+    compiled = sum(
+        not kernel.get("cache_hit", True) or bool(kernel.get("cache_disk", False))
+        for kernel in kernels
+    )
     return FrameTime(device + getattr(found, "host_seconds", 0.0), wall, compiled), found
 
 

@@ -17,7 +17,7 @@ DEFINITIONS = (
         name="FLIP of the picture",
         formula="mean HDR-FLIP of indirect light with the reference's direct light and emission; "
         "one frame where a picture has more than 128 x 128 pixels, else three",
-        source="metrics/perceptual.py; the interval allows for FLIP between the reference's halves",
+        source="metrics/perceptual.py; the lower end allows for FLIP between the reference's halves",
     ),
     Definition(
         name="device time",

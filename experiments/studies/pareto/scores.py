@@ -46,7 +46,7 @@ class Truth:
     display
         How the whole picture is shown.
     flip_noise
-        FLIP between two halves of the reference: how far its noise may move any FLIP.
+        FLIP between two halves of the reference: how far its noise may have raised any FLIP.
     """
 
     indirect: np.ndarray
@@ -93,7 +93,7 @@ def score(pictures: Sequence[np.ndarray], truth: Truth) -> Score:
     return Score(
         relmse=_expected([relmse_e2(each, truth.indirect) for each in pictures]),
         energy=_expected([energy_ratio(each, truth.indirect) for each in pictures]),
-        flip=_widened(mean_of(flips), truth.flip_noise),
+        flip=_noise_adds(mean_of(flips), truth.flip_noise),
     )
 
 
@@ -127,3 +127,10 @@ def _widened(found: Measured, half: float) -> Measured:
     own = 0.0 if found.low is None or found.high is None else 0.5 * (found.high - found.low)
     whole = math.hypot(own, half)
     return Measured(value=found.value, low=found.value - whole, high=found.value + whole)
+
+
+def _noise_adds(found: Measured, noise: float) -> Measured:
+    """Return a mean distance whose lower end allows for noise, which only ever adds to it."""
+    low = found.value if found.low is None else found.low
+    high = found.value if found.high is None else found.high
+    return Measured(value=found.value, low=low - noise, high=high)
