@@ -231,6 +231,9 @@ def study(  # noqa: PLR0913 - the options of a command
     output: Annotated[
         Path | None, Parameter(help="Folder for record, figures and a page of all studies in it.")
     ] = None,
+    pdf: Annotated[
+        bool, Parameter(negative="", help="Also the page as PDF, with --output (extra [pdf]).")
+    ] = False,
     variant: Variant = None,
     cache: Cache = None,
     json_file: JsonFile = None,
@@ -249,7 +252,7 @@ def study(  # noqa: PLR0913 - the options of a command
         return EXIT_DONE
     return run_study(
         name,
-        StudyOptions(quick=quick, only=only, resume=resume, scene=scene),
+        StudyOptions(quick=quick, only=only, resume=resume, scene=scene, pdf=pdf),
         output=output,
         variant=variant,
         cache=cache,

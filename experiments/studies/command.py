@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import cast
 
-from experiments.errors import EXIT_DONE, EXIT_FAILED
+from experiments.errors import EXIT_DONE, EXIT_FAILED, InputError, MachineryError
 from experiments.machine import BackendName, describe_machine
 from experiments.progress import ProgressReport
 from experiments.session import start_mitsuba, writable_file, writable_folder
@@ -28,6 +28,7 @@ from experiments.studies.record_folder import RecordFolder
 from experiments.studies.run import run_checks
 from experiments.studies.table import head_line, row_line
 from reference import default_cache_directory
+from reports.pdf import PdfMissingError, require_pdf, write_pdf
 from reports.schema import Machine
 from reports.study_record import StudyRecord, StudyRow, record_text
 
@@ -51,6 +52,8 @@ class StudyOptions:
     """Numbers that the same code has measured before are kept."""
     scene: str | None = None
     """Scene for the checks that take one."""
+    pdf: bool = False
+    """Whether the page is written as PDF, too."""
 
     @property
     def words(self) -> list[str]:
@@ -78,6 +81,7 @@ def run_study(
         No such study or check, or a file that cannot be written; nothing was measured.
     """
     entry = find_study(name)
+    _require_pdf(options, output)
     chosen_variant = start_mitsuba(variant)
     known = checks_of(entry)
     chosen = select_checks(known, options.only, quick=options.quick)
@@ -120,12 +124,38 @@ def run_study(
                 # A run that is killed leaves its figures to be taken up again.
                 folder.write(run.record(rows))
     failed = sum(not row.passed for row in rows)
-    stream(f"{len(rows) - failed} of {len(rows)} passed" + (f", {failed} FAILED" if failed else ""))
+    stream(_tally(len(rows), failed))
     if json_file is not None:
         json_file.write_text(record_text(run.record(rows)), encoding="utf-8")
     if folder is not None:
-        stream(f"page: {folder.write_page()}")
+        stream("\n".join(_pages(folder, is_pdf=options.pdf)))
     return EXIT_FAILED if failed else EXIT_DONE
+
+
+def _tally(count: int, failed: int) -> str:
+    return f"{count - failed} of {count} passed" + (f", {failed} FAILED" if failed else "")
+
+
+def _pages(folder: RecordFolder, *, is_pdf: bool) -> list[str]:
+    """Write the page, and as PDF if that is wanted; return lines that say where."""
+    page = folder.write_page()
+    return [f"page: {page}", *([f"PDF: {write_pdf(page)}"] if is_pdf else [])]
+
+
+def _require_pdf(options: StudyOptions, output: Path | None) -> None:
+    """Refuse a PDF that nobody could write, before anything is measured."""
+    if not options.pdf:
+        return
+    if output is None:
+        raise InputError(
+            what="--pdf without --output", where="the command line", remedy="name a folder for both"
+        )
+    try:
+        require_pdf()
+    except PdfMissingError as error:
+        raise MachineryError(
+            what="no PDF can be written", where="--pdf", remedy=str(error)
+        ) from error
 
 
 @dataclass(frozen=True)

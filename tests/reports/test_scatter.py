@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from reports.pdf import PdfMissingError, write_pdf
 from reports.publish import main, publish
 from reports.scatter_plot import point_text, scatter_file, scatter_svg
 from reports.study_figures import Bounded, ScatterFigure, ScatterPanel, ScatterPoint
@@ -194,3 +196,22 @@ def test_nothing_is_published_without_records(
     assert main([str(word) for word in words]) == 2
     assert "no record given" in capsys.readouterr().err
     assert kept.read_text() == "kept"
+
+
+def test_a_pdf_without_its_extra_is_refused_with_a_remedy(
+    page: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "weasyprint", None)
+    with pytest.raises(PdfMissingError, match=r"pip install 'vctgi\[pdf\]'"):
+        write_pdf(page)
+    assert not page.with_suffix(".pdf").exists()
+
+
+def test_a_pdf_holds_the_page(page: Path) -> None:
+    pytest.importorskip("weasyprint", reason="the extra [pdf] is missing")
+    assert write_pdf(page).read_bytes().startswith(b"%PDF")
+
+
+def test_a_page_that_is_not_there_makes_no_pdf(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="no such page"):
+        write_pdf(tmp_path / "index.html")

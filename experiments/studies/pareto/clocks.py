@@ -67,6 +67,11 @@ class Clocks:
         """Return median and quartiles, seconds."""
         return median_of([each.device for each in self.warm])
 
+    def device_median(self) -> Measured:
+        """Return the median and the range, seconds: that of five holds the true median by 94 %."""
+        times = [each.device for each in self.warm]
+        return Measured(value=self.device().value, low=min(times), high=max(times))
+
     def wall(self) -> Measured:
         """Return median and quartiles, seconds."""
         return median_of([each.wall for each in self.warm])

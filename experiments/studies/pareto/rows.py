@@ -6,7 +6,6 @@ Intervals of times are quartiles of the repetitions; all others hold 95 %.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -170,7 +169,7 @@ def family_of(bench: Bench, family: str) -> list[Result]:
 def errors_over_time(results: list[Result]) -> Errors:
     """Return relMSE over the median of the device time."""
     return Errors.of(
-        [each.clocks[STILL].device().value for each in results],
+        [each.clocks[STILL].device_median() for each in results],
         [each.score.relmse for each in results],
     )
 
@@ -178,7 +177,7 @@ def errors_over_time(results: list[Result]) -> Errors:
 def errors_over_samples(results: list[Result]) -> Errors:
     """Return relMSE over samples a pixel."""
     return Errors.of(
-        [float(each.method.samples_per_pixel) for each in results],
+        [Measured(value=float(each.method.samples_per_pixel)) for each in results],
         [each.score.relmse for each in results],
     )
 
@@ -236,17 +235,16 @@ def _time_ratio(preset: str, kind: str, family: str, bench: Bench) -> Measured:
     own = _result(bench, preset)
     results = family_of(bench, family)
     crossing = time_to_reach(errors_over_time(results), own.score.relmse)
-    # Half of the times lie in the quartiles; the median's own interval is narrower.
-    found = ratio(crossing.time, _median_alone(own.clocks[kind].device()))
+    time = own.clocks[kind].device_median()
     if crossing.reached == "inside":
-        return found
+        return ratio(crossing.time, time)
     samples = [each.method.samples_per_pixel for each in results]
     note = (
         f"at most: reached with {samples[0]} sample a pixel already"
         if crossing.reached == "before"
         else f"at least: not reached within {samples[-1]} samples a pixel"
     )
-    return Measured(value=found.value, note=note)
+    return Measured(value=crossing.time.value / time.value, note=note)
 
 
 def _error_ratio(preset: str, family: str, bench: Bench) -> Measured:
@@ -259,12 +257,11 @@ def _error_ratio(preset: str, family: str, bench: Bench) -> Measured:
     found = error_at(errors, time)
     if found is not None:
         return ratio(found, own.score.relmse)
-    if len(seen.x) and time < seen.x[0]:
-        first = Measured(value=float(seen.values[0]))
-        bound = ratio(first, _median_alone(own.score.relmse))
-        return replace(bound, note="at least: its fewest samples take longer")
-    raise ValueError(f"{preset} takes longer than {family} with its most samples")
-
-
-def _median_alone(found: Measured) -> Measured:
-    return Measured(value=found.value)
+    if len(seen.x) == 0:
+        raise ValueError(f"noise hides all errors of {family}")
+    is_before = time < seen.x[0]
+    words = (
+        "least: its fewest samples take longer" if is_before else "most: its most take less time"
+    )
+    bound = float(seen.values[0 if is_before else -1]) / own.score.relmse.value
+    return Measured(value=bound, note=f"at {words}")

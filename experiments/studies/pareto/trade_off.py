@@ -45,20 +45,25 @@ class Errors:
         Errors there.
     standard_errors
         Of the errors, >= 0.
+    x_spreads
+        Standard errors of the places over the places; None: they are exact.
     """
 
     x: Float64
     values: Float64
     standard_errors: Float64
+    x_spreads: Float64 | None = None
 
     @classmethod
-    def of(cls, x: Sequence[float], errors: Sequence[Measured]) -> Errors:
-        """Return errors with intervals in the order of their places."""
-        order = np.argsort(x, kind="stable")
+    def of(cls, x: Sequence[Measured], errors: Sequence[Measured]) -> Errors:
+        """Return places and errors with their intervals, in the order of the places."""
+        places = np.array([each.value for each in x])
+        order = np.argsort(places, kind="stable")
         return cls(
-            np.array(x, dtype=np.float64)[order],
+            places[order],
             np.array([each.value for each in errors])[order],
             np.array([standard_error(each) for each in errors])[order],
+            (np.array([standard_error(each) for each in x]) / places)[order],
         )
 
     def seen(self) -> Errors:
@@ -66,7 +71,10 @@ class Errors:
         is_seen = (self.values > 0.0) & (
             self.standard_errors <= MOST_RELATIVE_ERROR * np.abs(self.values)
         )
-        return Errors(self.x[is_seen], self.values[is_seen], self.standard_errors[is_seen])
+        spreads = np.zeros_like(self.x) if self.x_spreads is None else self.x_spreads
+        return Errors(
+            self.x[is_seen], self.values[is_seen], self.standard_errors[is_seen], spreads[is_seen]
+        )
 
 
 @dataclass(frozen=True)
@@ -184,9 +192,10 @@ def time_to_reach(errors: Errors, target: Measured, seed: int = 0) -> Crossing:
     random = np.random.default_rng(seed)
     spreads = seen.standard_errors / seen.values
     own = standard_error(target) / target.value
+    assert seen.x_spreads is not None, "seen() gives them"
     found = [
         _first_crossing(
-            log_x,
+            log_x + seen.x_spreads * random.standard_normal(len(log_x)),
             log_errors + spreads * random.standard_normal(len(log_x)),
             math.log(target.value) + own * random.standard_normal(),
         )

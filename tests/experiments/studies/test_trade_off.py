@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from experiments.studies.check import Measured
 from experiments.studies.pareto.trade_off import (
@@ -20,7 +21,7 @@ from experiments.studies.pareto.trade_off import (
     time_to_reach,
 )
 
-SAMPLES = 2.0 ** np.arange(13)
+SAMPLES: NDArray[np.float64] = np.exp2(np.arange(13.0))
 TRIALS = 200
 LEAST_COVERAGE = 0.90
 """Of intervals of 95 %: 200 trials scatter by 1.5 %, three times that is allowed."""
@@ -48,7 +49,7 @@ def test_the_front_is_what_nothing_beats_and_beats_all_else(points: Points) -> N
 
     def beats(a: int, b: int) -> bool:
         no_worse = times[a] <= times[b] and errors[a] <= errors[b]
-        return no_worse and (times[a] < times[b] or errors[a] < errors[b])
+        return bool(no_worse and (times[a] < times[b] or errors[a] < errors[b]))
 
     assert not any(beats(a, b) for a in range(len(points)) for b in front)
     for other in set(range(len(points))) - set(front):
@@ -160,3 +161,14 @@ def low(found: Measured) -> float:
 def high(found: Measured) -> float:
     assert found.high is not None
     return found.high
+
+
+def test_places_that_are_not_exact_widen_a_crossing() -> None:
+    exact = [Measured(value=float(x)) for x in SAMPLES]
+    vague = [measured(float(x), 0.2 * float(x)) for x in SAMPLES]
+    errors = [measured(2.0 / float(x)) for x in SAMPLES]
+    narrow, wide = (
+        time_to_reach(Errors.of(x, errors), measured(0.03)).time for x in (exact, vague)
+    )
+    assert wide.value == narrow.value
+    assert high(wide) - low(wide) > 10.0 > high(narrow) - low(narrow)
