@@ -14,7 +14,7 @@ import numpy as np
 import reference
 from experiments.scenes import LoadedScene, load_scene
 from experiments.studies.check import RefusedError, StudyContext
-from experiments.studies.pareto.clocks import Clocks, Job, time_jobs
+from experiments.studies.pareto.clocks import Clocks, Job, NeverWarmError, time_jobs
 from experiments.studies.pareto.cone_frames import (
     CAMERA,
     LIGHTS,
@@ -98,13 +98,13 @@ def bench_of(context: StudyContext, source: str) -> Bench:
     Raises
     ------
     RefusedError
-        No reference is good enough.
+        No reference is good enough, or a method compiles in every frame.
     """
 
     def measure() -> Bench | RefusedError:
         try:
             return _measure(context, source)
-        except reference.NoisyReferenceError as error:
+        except (reference.NoisyReferenceError, NeverWarmError) as error:
             return RefusedError(str(error))
 
     found = context.once(f"pareto of {source}", measure)
@@ -201,10 +201,10 @@ def _time_cones(
                 image = indirect_image(cast(Frame, frame), each)
                 kept.pictures.setdefault(each.name, []).append(image)
 
-        jobs[method.name, STILL] = Job(lit.still(config), keep)
+        jobs[method.name, STILL] = Job(method.name, lit.still(config), keep)
         if method.family == OURS:
-            jobs[method.name, LIGHTS] = Job(lit.moving_lights(config))
-            jobs[method.name, CAMERA] = Job(lit.moving_camera(config))
+            jobs[method.name, LIGHTS] = Job(method.name, lit.moving_lights(config))
+            jobs[method.name, CAMERA] = Job(method.name, lit.moving_camera(config))
     time_jobs(list(jobs.values()), random, progress=progress)
     kept.take(jobs)
 
@@ -227,7 +227,7 @@ def _time_paths(
             image = cast(PathFrame, frame).image(height, width)
             kept.pictures.setdefault(name, []).append(image)
 
-        jobs[method.name, STILL] = Job(partial(trace, method.samples_per_pixel), keep)
+        jobs[method.name, STILL] = Job(method.name, partial(trace, method.samples_per_pixel), keep)
     time_jobs(list(jobs.values()), random, progress=progress)
     kept.take(jobs)
 

@@ -28,6 +28,10 @@ Render = Callable[[int], object]
 ``host_seconds``, the time of work that is not the device's."""
 
 
+class NeverWarmError(RuntimeError):
+    """A method compiles in every frame."""
+
+
 @dataclass(frozen=True)
 class FrameTime:
     """One frame.
@@ -83,6 +87,8 @@ class Job:
 
     Attributes
     ----------
+    name
+        Of the method.
     render
         Makes a frame.
     keep
@@ -91,6 +97,7 @@ class Job:
         Filled by `time_jobs`.
     """
 
+    name: str
     render: Render
     keep: Callable[[object], None] = lambda _: None
     clocks: Clocks = field(default_factory=lambda: Clocks(0.0))
@@ -125,7 +132,7 @@ def time_jobs(
 
     Raises
     ------
-    RuntimeError
+    NeverWarmError
         A job compiles in every frame, so that none of them is warm.
     """
     total = len(jobs) * (1 + repetitions)
@@ -150,9 +157,9 @@ def _warm_up(job: Job) -> None:
         warm = 0 if frame.compiled else warm + 1
         if warm == WARM_FRAMES:
             return
-    raise RuntimeError(
-        f"no frame is warm: {MOST_FRAMES} frames in a row compiled kernels; a number that changes "
-        "from frame to frame is part of their code and must be opaque."
+    raise NeverWarmError(
+        f"no frame of {job.name} is warm: {MOST_FRAMES} in a row compiled kernels; a number that "
+        "changes from frame to frame is part of their code and must be opaque."
     )
 
 

@@ -15,7 +15,13 @@ import vctgi
 from experiments.scenes import LoadedScene, load_scene
 from experiments.studies.pareto import checks
 from experiments.studies.pareto.bench import COUNT, has_denoiser
-from experiments.studies.pareto.clocks import WARM_FRAMES, Job, time_jobs, timed_frame
+from experiments.studies.pareto.clocks import (
+    WARM_FRAMES,
+    Job,
+    NeverWarmError,
+    time_jobs,
+    timed_frame,
+)
 from experiments.studies.pareto.cone_frames import LitScene, indirect_image, light_key
 from experiments.studies.pareto.methods import (
     FAMILIES,
@@ -147,7 +153,7 @@ def test_only_warm_frames_are_timed() -> None:
         return value
 
     kept: list[object] = []
-    job = Job(render, kept.append)
+    job = Job("sums", render, kept.append)
     time_jobs([job], np.random.default_rng(0), repetitions=5)
     assert len(job.clocks.warm) == len(kept) == 5
     assert len(seeds) - 5 >= WARM_FRAMES
@@ -163,8 +169,8 @@ def test_a_frame_that_always_compiles_is_refused() -> None:
         return value
 
     dr.flush_kernel_cache()
-    with pytest.raises(RuntimeError, match="no frame is warm"):
-        time_jobs([Job(render)], np.random.default_rng(0))
+    with pytest.raises(NeverWarmError, match="no frame of sums is warm"):
+        time_jobs([Job("sums", render)], np.random.default_rng(0))
 
 
 def test_all_presets_recipes_and_counts_are_compared() -> None:
