@@ -34,7 +34,6 @@ QUICK_RESOLUTION = 32
 """Voxels along an edge of a level in the quick study."""
 
 HIGH = "high"
-HIGH_SAMPLES: Final = preset(HIGH).samples_per_pixel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,14 +92,19 @@ def path_methods(*, quick: bool) -> list[Method]:
 
 def cone_methods(*, quick: bool) -> list[Method]:
     """Return presets, recipes of other systems, and the grid around "high"."""
+    resize = _small if quick else _as_it_is
+    found = [
+        _cones(name, OURS, resize(preset(name)), is_on_floor=name == HIGH) for name in PRESET_NAMES
+    ]
     if quick:
-        names = ("medium", HIGH)
-        found = [_cones(name, OURS, _small(preset(name))) for name in names]
-        found.append(_cones("peer:classic", RECIPES, _small(preset("peer:classic"))))
         high = _small(preset(HIGH))
+        found.append(_cones("peer:classic", RECIPES, _small(preset("peer:classic"))))
         return found + [_with_samples(high, count) for count in (1, 2, 8)]
-    found = [_cones(name, OURS, preset(name), is_on_floor=name == HIGH) for name in PRESET_NAMES]
     return [*found, *_grid(preset(HIGH)), *_recipes()]
+
+
+def _as_it_is(config: RenderConfig) -> RenderConfig:
+    return config
 
 
 def _small(config: RenderConfig) -> RenderConfig:

@@ -37,7 +37,6 @@ SCENES: Final = (
     CHOSEN,
 )
 QUICK_SCENE = "cornell_box"
-QUICK_PRESETS: Final = ("medium", HIGH)
 
 SLOPE_LIMITS: Final = (-1.15, -0.85)
 """Of the squared error of an unbiased method over its samples: one over their number is -1."""
@@ -77,9 +76,9 @@ def _checks(scene: str) -> list[Check]:
 def _preset_checks(scene: str, preset: str) -> list[Check]:
     """Return the checks of one preset."""
     errors: dict[str, Read] = {
-        "relMSE": lambda bench: _result(bench, preset).score.relmse,
-        "energy": lambda bench: _result(bench, preset).score.energy,
-        "FLIP of the picture": lambda bench: _result(bench, preset).score.flip,
+        "relMSE": lambda bench: bench.results[preset].score.relmse,
+        "energy": lambda bench: bench.results[preset].score.energy,
+        "FLIP of the picture": lambda bench: bench.results[preset].score.flip,
     }
     times: dict[str, Read] = {}
     for kind in FRAMES:
@@ -103,7 +102,6 @@ def _preset_checks(scene: str, preset: str) -> list[Check]:
             read,
             configuration=f'preset "{preset}"; {words}',
             is_headline=title in headlines,
-            in_quick=preset in QUICK_PRESETS,
         )
         for words, rows in (
             (f"expected over the seeds of {REPETITIONS} frames", errors),
@@ -127,7 +125,6 @@ def _check(
     limits: tuple[float, float] | None = None,
     goal: float | None = None,
     is_headline: bool = False,
-    in_quick: bool = True,
 ) -> Check:
     def measure(context: StudyContext) -> Measured:
         source = (context.scene or "corridor") if scene == CHOSEN else scene
@@ -150,14 +147,8 @@ def _check(
         limit_high=high,
         goal=goal,
         is_headline=is_headline,
-        in_quick=in_quick and scene == QUICK_SCENE,
+        in_quick=scene == QUICK_SCENE,
     )
-
-
-def _result(bench: Bench, preset: str) -> Result:
-    if preset not in bench.results:
-        raise RefusedError(f'the quick version does not render "{preset}"')
-    return bench.results[preset]
 
 
 def family_of(bench: Bench, family: str) -> list[Result]:
@@ -216,7 +207,7 @@ def _noise(bench: Bench) -> Measured:
 
 
 def _time(preset: str, kind: str, clock: Callable[[Clocks], Measured], bench: Bench) -> Measured:
-    found = clock(_result(bench, preset).clocks[kind])
+    found = clock(bench.results[preset].clocks[kind])
     assert found.low is not None
     assert found.high is not None
     return Measured(
@@ -227,12 +218,12 @@ def _time(preset: str, kind: str, clock: Callable[[Clocks], Measured], bench: Be
 
 
 def _compiling(preset: str, kind: str, bench: Bench) -> Measured:
-    return Measured(value=_result(bench, preset).clocks[kind].compile)
+    return Measured(value=bench.results[preset].clocks[kind].compile)
 
 
 def _time_ratio(preset: str, kind: str, family: str, bench: Bench) -> Measured:
     """Return how many times as long paths take for the error that a preset has."""
-    own = _result(bench, preset)
+    own = bench.results[preset]
     results = family_of(bench, family)
     crossing = time_to_reach(errors_over_time(results), own.score.relmse)
     time = own.clocks[kind].device_median()
@@ -249,7 +240,7 @@ def _time_ratio(preset: str, kind: str, family: str, bench: Bench) -> Measured:
 
 def _error_ratio(preset: str, family: str, bench: Bench) -> Measured:
     """Return how many times a preset's error paths have in its time."""
-    own = _result(bench, preset)
+    own = bench.results[preset]
     results = family_of(bench, family)
     errors = errors_over_time(results)
     seen = errors.seen()

@@ -181,7 +181,8 @@ def test_all_presets_recipes_and_counts_are_compared() -> None:
     assert set(PRESET_NAMES) < set(names)
     assert {path_name(1 << power) for power in range(13)} < set(names)
     assert {name for name in peer_names() if ":published" not in name} < set(names)
-    assert sum(each.is_on_floor for each in found) >= 4
+    for quick in (False, True):
+        assert sum(each.is_on_floor for each in methods(quick=quick)) >= 4
 
 
 def test_checks_name_what_they_are_of() -> None:
