@@ -46,6 +46,8 @@ class StudyRow(_Part):
     goal: float | None = None
     """What one would like to see; it decides nothing."""
     passed: bool
+    refused: str = ""
+    """Why nothing was measured, such as a reference that is too noisy for it; else empty."""
     how: str
     """The command that gives this one number."""
 
@@ -55,6 +57,8 @@ class StudyRow(_Part):
             raise ValueError(f"row {self.check!r}: an interval has two ends or none")
         if self.low is not None and self.high is not None and self.low > self.high:
             raise ValueError(f"row {self.check!r}: low {self.low} must not exceed high {self.high}")
+        if self.refused and self.value is not None:
+            raise ValueError(f"row {self.check!r}: a number that was refused has no value")
         kept = is_within(self.value, self.limit_low, self.limit_high)
         if self.passed != kept:
             raise ValueError(f"row {self.check!r}: passed is {self.passed}, its limits say {kept}")

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import cast
 
-from experiments.errors import EXIT_DONE, EXIT_FAILED
+from experiments.errors import EXIT_DONE, EXIT_FAILED, EXIT_MACHINERY
 from experiments.machine import BackendName, describe_machine
 from experiments.progress import ProgressReport
 from experiments.session import start_mitsuba, writable_file, writable_folder
@@ -61,7 +61,9 @@ def run_study(
     output: Path | None,
     json_file: Path | None,
 ) -> int:
-    """Run a study and return the exit code: 1 when a row does not pass.
+    """Run a study and return the exit code.
+
+    1 when a row does not pass; else 3 when one was refused, for its reference is too noisy.
 
     Raises
     ------
@@ -102,8 +104,13 @@ def run_study(
                 stream(f"  with {configuration}")
             stream(row_line(row))
             rows.append(row)
-    failed = sum(not row.passed for row in rows)
-    stream(f"{len(rows) - failed} of {len(rows)} passed" + (f", {failed} FAILED" if failed else ""))
+    refused = sum(bool(row.refused) for row in rows)
+    failed = sum(not row.passed for row in rows) - refused
+    stream(
+        f"{len(rows) - failed - refused} of {len(rows)} passed"
+        + (f", {failed} FAILED" if failed else "")
+        + (f", {refused} REFUSED" if refused else "")
+    )
     if json_file is not None:
         only = [] if options.only is None else ["--only", options.only]
         command = shlex.join(["vctgi", "study", name, *options.words, *only])
@@ -116,7 +123,9 @@ def run_study(
             machine=describe_machine(cast(BackendName, chosen_variant)),
         )
         json_file.write_text(record.model_dump_json(indent=1) + "\n", encoding="utf-8")
-    return EXIT_FAILED if failed else EXIT_DONE
+    if failed:
+        return EXIT_FAILED
+    return EXIT_MACHINERY if refused else EXIT_DONE
 
 
 def _line_writer() -> Callable[[str], None]:

@@ -209,7 +209,7 @@ def test_a_comparison_below_the_noise_is_refused_in_one_line() -> None:
         require_low_noise(reference, 9e-3)
     message = str(refused.value)
     assert "\n" not in message
-    assert "reference 0123456789ab is too noisy to compare 'image'" in message
+    assert "'image' of reference 0123456789ab is too noisy to compare" in message
     assert "not 10 times below 0.009" in message
     assert "paths a pixel in place of 64" in message
 

@@ -19,6 +19,7 @@ from experiments.scenes import load_scene
 from experiments.studies.check import Check, Measured, StudyContext
 from experiments.studies.cornell import PIXEL_PLACE
 from experiments.studies.leaking.audit import PointLight, audit_of, audit_points, reflected_light
+from experiments.studies.noise import require_told_apart
 from metrics.leaking import (
     LeakAudit,
     audit_shares,
@@ -40,7 +41,7 @@ SCENES = ("sealed_rooms", "cornell_box")
 
 EDGE = (64, 32)
 BATCHES = (8, 4)
-PATHS = (1024, 256)
+PATHS = (1024, 1024)
 """Pixels along an edge, batches of probes, and paths a pixel of the reference, in the whole study
 and in the quick one."""
 
@@ -239,8 +240,9 @@ def _excess(context: StudyContext, scene: str, row: str) -> Measured:
             cache_directory=None,
             progress=lambda share: context.progress("path tracing", share),
         )
-        light = picture_of(context, scene).diffuse()
-        return one_sided_excess(light, truth.batches("indirect_diffuse"))
+        light, batches = picture_of(context, scene).diffuse(), truth.batches("indirect_diffuse")
+        require_told_apart(light, batches, PATHS[context.quick], f"the reference of {scene}")
+        return one_sided_excess(light, batches)
 
     return measured(context.once(f"excess of {scene}", compare)[row])
 
@@ -255,10 +257,13 @@ def dark_room(audit: LeakAudit) -> np.ndarray:
 
 def _rooms_ratio(context: StudyContext) -> Measured:
     audit = audit_in(context, "sealed_rooms")
+    return rooms_ratio(audit, dark_room(audit))
+
+
+def rooms_ratio(audit: LeakAudit, is_dark: np.ndarray) -> Measured:
+    """Return L1 of a picture of sealed_rooms, given where it shows the dark room."""
     gathered, truth = audit.gathered.mean(axis=0), audit.truth.mean(axis=0)
-    return Measured(
-        value=sealed_room_ratio(gathered[dark_room(audit)], gathered[truth >= DARK_TRUTH])
-    )
+    return Measured(value=sealed_room_ratio(gathered[is_dark], gathered[truth >= DARK_TRUTH]))
 
 
 def _dark_share(context: StudyContext, share: str) -> Measured:
