@@ -22,6 +22,7 @@ from experiments.gate.display import check_display, is_display_referred
 from experiments.gate.finding import Finding
 from experiments.gate.identity import check_finite, check_identity, require_as_asked
 from experiments.gate.kinds import check_metric
+from experiments.gate.noise import check_noise
 from experiments.gate.specification import GateSpec
 from reports.junit import Verdict
 from reports.record import Record
@@ -69,7 +70,7 @@ def evaluate(
     Returns
     -------
     list of Verdict
-        In the order finite, exact, metrics, budgets. A check that could not be made gives a
+        In the order finite, noise, exact, metrics, budgets. A check that could not be made gives a
         verdict of kind `error` (machinery) or `refused` (input) instead of raising.
     """
     judge = partial(verdict_of, gate)
@@ -77,7 +78,9 @@ def evaluate(
     asked = judge("request", partial(_as_asked, record, gate))
     if not asked.passed:
         return [*verdicts, asked]
-    checks: list[tuple[str, Callable[[], Finding | None]]] = []
+    checks: list[tuple[str, Callable[[], Finding | None]]] = [
+        ("noise", partial(check_noise, record, gate))
+    ]
     if baseline is None:
         checks.append(("baseline", partial(missing_baseline, update_command)))
     else:

@@ -157,6 +157,9 @@ class GateSpec(Settings):
     width: int = Field(ge=1)
     height: int = Field(ge=1)
     reference_spp: int = Field(ge=1)
+    smallest_difference: float | None = Field(default=None, gt=0.0)
+    """Smallest relMSE between picture and reference that the gate must be able to see; None for the
+    one that the record finds. The reference's noise must lie ten times below it."""
     metrics: tuple[AnyMetricGate, ...] = Field(alias="metric", min_length=1, strict=False)
     budgets: tuple[Budget, ...] = Field(alias="budget", default=(), strict=False)
 
