@@ -7,7 +7,7 @@ from typing import Final
 
 from experiments.errors import MachineryError
 from experiments.gate.finding import Finding
-from experiments.gate.specification import GateSpec
+from experiments.gate.specification import Absolute, GateSpec, NonInferior
 from reports.record import Record
 
 LEAST_FACTOR: Final = 10.0
@@ -17,7 +17,7 @@ DIFFERENCE: Final = "relmse_e2"
 
 
 def check_noise(record: Record, gate: GateSpec) -> Finding | None:
-    """Refuse a noisy reference, for each component that is gated.
+    """Refuse a noisy reference, for each component with a gate of an error or a ratio.
 
     Whether an interval is narrow enough for its tolerance is another matter, which each metric's
     gate decides.
@@ -35,7 +35,9 @@ def check_noise(record: Record, gate: GateSpec) -> Finding | None:
     """
     differences = {m.component: m.value for m in record.metrics if m.name == DIFFERENCE}
     least = math.inf
-    for component in dict.fromkeys(metric.component for metric in gate.metrics):
+    # Gates of other kinds ask whether anything moved, and say themselves what noise lets them see.
+    compared = [each for each in gate.metrics if isinstance(each, Absolute | NonInferior)]
+    for component in dict.fromkeys(each.component for each in compared):
         if component not in differences or record.reference is None:
             continue
         where = f"{component} of gate {gate.name}"
