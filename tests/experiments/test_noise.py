@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.noise import noise_floors, noise_warnings
-from experiments.studies.check import Check, StudyContext
+from experiments.studies.check import Check, Measured, StudyContext
 from experiments.studies.noise import require_told_apart
 from experiments.studies.run import measured_row
 from metrics import relmse_e2
@@ -54,7 +54,7 @@ def test_a_study_refuses_what_lies_in_the_noise() -> None:
 
 
 def test_a_refused_row_has_a_reason_and_no_number() -> None:
-    def measure(context: StudyContext) -> None:
+    def measure(context: StudyContext) -> Measured:
         raise NoisyReferenceError("too noisy:\nrender more")
 
     check = Check(name="n", configuration="c", scene="s", measure=measure, limit_high=1.0)

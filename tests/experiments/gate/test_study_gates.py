@@ -242,9 +242,7 @@ def test_a_file_without_gates_is_refused(gates_file: Path) -> None:
 def test_a_study_is_measured_by_its_command(
     variant: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(
-        STUDIES, "small", StudyEntry("tests.experiments.studies.small_study", "?")
-    )
+    monkeypatch.setitem(STUDIES, "small", StudyEntry("tests.experiments.studies.small_study", "?"))
     path = tmp_path / "gates.toml"
     path.write_text(SMALL, encoding="utf-8")
     common = ["gate", str(path), "--output", str(tmp_path), "--cache", str(tmp_path)]
