@@ -87,7 +87,8 @@ def number_of(row: StudyRow, gate: AnyStudyGate) -> MetricValue:
         value=row.value,
         interval=interval,
         formula=formula_of(row),
-        ideal=ideal if row.goal is None else row.goal,
+        # Another goal is an aim on the way there.
+        ideal=row.goal if row.goal in (0.0, 1.0) else ideal,
     )
 
 

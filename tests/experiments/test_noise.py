@@ -19,7 +19,8 @@ def batches(noise: float) -> np.ndarray:
     """Return batches of a picture of radiance 1, with so much noise in the mean of all."""
     rng = np.random.default_rng(5)
     spread = noise * np.sqrt(BATCHES)
-    return 1.0 + spread * rng.standard_normal((BATCHES, SIZE, SIZE, 3))
+    found: np.ndarray = 1.0 + spread * rng.standard_normal((BATCHES, SIZE, SIZE, 3))
+    return found
 
 
 def test_floors_are_those_of_components_with_light() -> None:

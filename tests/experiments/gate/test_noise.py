@@ -45,7 +45,7 @@ def test_the_difference_must_be_ten_times_the_noise(bench: Bench) -> None:
 def test_a_gate_may_ask_about_a_smaller_difference(bench: Bench) -> None:
     record, _ = bench.record(seed=3)
     gate = bench.gate(smallest_difference=1e-4)
-    with pytest.raises(MachineryError, match="not 10 times below 0.0001"):
+    with pytest.raises(MachineryError, match=r"not 10 times below 0\.0001"):
         check_noise(record, gate)
 
 
@@ -59,5 +59,10 @@ def test_a_record_that_does_not_tell_is_refused(bench: Bench) -> None:
 
 def test_equality_has_a_test_of_its_own(bench: Bench) -> None:
     record, _ = bench.record(seed=3, render=bench.truth, method="path")
-    equal = {"kind": "equal", "metric": "energy_ratio", "component": "indirect", "scale": "ratio"}
+    equal: dict[str, object] = {
+        "kind": "equal",
+        "metric": "energy_ratio",
+        "component": "indirect",
+        "scale": "ratio",
+    }
     assert check_noise(record, bench.gate(equal)) is None

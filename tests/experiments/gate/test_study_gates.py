@@ -136,8 +136,8 @@ def reviewed(gates_file: Path) -> Path:
     return gates_file
 
 
-def failures(path: Path, study: Study, **options: bool) -> list[tuple[str, str]]:
-    result = check_gates(path, no_record, study, **options)
+def failures(path: Path, study: Study, *, mutants: bool = False) -> list[tuple[str, str]]:
+    result = check_gates(path, no_record, study, mutants=mutants)
     return [(v.gate.removeprefix("waves: "), v.kind) for v in result.verdicts if not v.passed]
 
 
