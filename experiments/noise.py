@@ -48,7 +48,8 @@ def noise_warnings(
         if each.name != DIFFERENCE or floor is None:
             continue
         if floor.upper * LEAST_FACTOR > each.value:
-            noisy.append(f"{each.component} (relMSE {each.value:.2g}, noise {floor.upper:.2g})")
+            found = f"{each.value:.2g}" if each.value > floor.upper else "below it"
+            noisy.append(f"{each.component} (noise relMSE {floor.upper:.2g}, difference {found})")
             # Below the noise nobody knows how far below.
             share = LEAST_FACTOR * floor.upper / max(each.value, floor.upper)
             wanted = max(wanted, samples_per_pixel * share)
