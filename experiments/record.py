@@ -16,6 +16,7 @@ import metrics
 import reference
 from experiments.debug_pictures import voxel_images
 from experiments.machine import BackendName, describe_machine
+from experiments.noise import noise_warnings
 from experiments.scenes import LoadedScene
 from reports.record import (
     Display,
@@ -23,6 +24,7 @@ from reports.record import (
     ImageFile,
     Interval,
     MetricValue,
+    NoiseFloor,
     PlanEntry,
     Record,
     ReferenceInfo,
@@ -71,6 +73,8 @@ class RunResult:
         The reference.
     tests, references
         Component pictures [height, width, 3] of both methods.
+    floors
+        Noise of the references, by component.
     surfaces
         Albedo, normal, depth.
     measured, times, display
@@ -84,6 +88,7 @@ class RunResult:
     truth: reference.Reference
     tests: dict[str, np.ndarray]
     references: dict[str, np.ndarray]
+    floors: dict[str, NoiseFloor]
     surfaces: dict[str, np.ndarray]
     measured: list[metrics.Measurement]
     times: list[StageTime]
@@ -195,6 +200,7 @@ def _reference_info(result: RunResult) -> ReferenceInfo:
         seconds=truth.seconds,
         from_cache=truth.from_cache,
         noise_relmse=noise,
+        noise_floors=result.floors,
         truncated_share=rest / (reflected + rest) if reflected + rest > 0.0 else 0.0,
         notes=truth.notes,
     )
@@ -278,4 +284,5 @@ def _warnings(result: RunResult) -> list[str]:
         for entry in prepared.plan.entries
         if entry.item.startswith("geometry") and not entry.kept
     ]
+    found += noise_warnings(result.floors, result.measured, result.truth.request.samples_per_pixel)
     return list(dict.fromkeys(found))

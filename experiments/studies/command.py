@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import cast
 
-from experiments.errors import EXIT_DONE, EXIT_FAILED
+from experiments.errors import EXIT_DONE, EXIT_FAILED, EXIT_MACHINERY
 from experiments.machine import BackendName, describe_machine
 from experiments.progress import ProgressReport
 from experiments.session import start_mitsuba, writable_file, writable_folder
@@ -70,7 +70,9 @@ def run_study(
     output: Path | None,
     json_file: Path | None,
 ) -> int:
-    """Run a study and return the exit code: 1 when a row does not pass.
+    """Run a study and return the exit code.
+
+    1 when a row does not pass; else 3 when one was refused, for its reference is too noisy.
 
     Raises
     ------
@@ -119,13 +121,29 @@ def run_study(
             if folder is not None:
                 # A run that is killed leaves its figures to be taken up again.
                 folder.write(run.record(rows))
-    failed = sum(not row.passed for row in rows)
-    stream(f"{len(rows) - failed} of {len(rows)} passed" + (f", {failed} FAILED" if failed else ""))
+    stream(_verdict(rows))
     if json_file is not None:
         json_file.write_text(record_text(run.record(rows)), encoding="utf-8")
     if folder is not None:
         stream(f"page: {folder.write_page()}")
-    return EXIT_FAILED if failed else EXIT_DONE
+    return _exit_code(rows)
+
+
+def _verdict(rows: list[StudyRow]) -> str:
+    """Say how many rows passed, failed and were refused."""
+    refused = sum(bool(row.refused) for row in rows)
+    failed = sum(not row.passed for row in rows) - refused
+    return (
+        f"{len(rows) - failed - refused} of {len(rows)} passed"
+        + (f", {failed} FAILED" if failed else "")
+        + (f", {refused} REFUSED" if refused else "")
+    )
+
+
+def _exit_code(rows: list[StudyRow]) -> int:
+    if any(not row.passed and not row.refused for row in rows):
+        return EXIT_FAILED
+    return EXIT_MACHINERY if any(row.refused for row in rows) else EXIT_DONE
 
 
 @dataclass(frozen=True)
