@@ -20,6 +20,7 @@ import mitsuba as mi
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.config import PRESETS, RenderConfig, preset
 from vctgi.maths.stub_gaps import as_bits, as_component, as_mask
+from vctgi.parameters import ConeParameters
 from vctgi.pipeline import (
     PreparedScene,
     gather_ambient,
@@ -30,7 +31,7 @@ from vctgi.pipeline import (
 from vctgi.stages.gbuffer import trace_gbuffer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     # What the stubs of Mitsuba call the arrays of an integrator's methods.
     from drjit.auto.ad import Bool, Float, TensorXf, UInt
@@ -116,6 +117,9 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
         Mitsuba hands over rays without their pixels and puts the film together itself. So phases
         of specular cones are random for every sample where the preset binds them to pixels, and
         the specular filter is left out: many samples a pixel do its work.
+        `mi.traverse` shows the parameters of the cones, and the picture has derivatives by them and
+        by what `vctgi.scene.derivatives` lists; Mitsuba's default `render_forward` and
+        `render_backward` go through `sample`.
         Does not: media, polarisation, sparse pixels.
         """
 
@@ -123,6 +127,10 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
             super().__init__(props)
             self.preset_name, self.config = _config_from_properties(props)
             self.direct = mi.load_dict({"type": "direct", "hide_emitters": self.hide_emitters})
+            self.parameters: ConeParameters | None = None
+            if self.config.diffuse.cones().frame == "tangent":
+                self.parameters = ConeParameters.from_config(self.config)
+            self.has_own_values = False
             self.prepared: PreparedScene | None = None
             self.volume: VoxelVolume | None = None
 
@@ -171,11 +179,15 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
             normal = dr.select(gbuffer.is_valid, gbuffer.normal, 0.0)
             surface = [*gbuffer.albedo, *normal, as_component(gbuffer.depth)]
             if self.config.mode == "ambient":
-                open_share = gather_ambient(self.prepared, gbuffer, self.volume, self.config)
+                open_share = gather_ambient(
+                    self.prepared, gbuffer, self.volume, self.config, None, self._live()
+                )
                 openness = as_component(open_share)
                 total = mi.Spectrum(gbuffer.albedo * openness)
                 return total, as_mask(gbuffer.is_valid), [openness, *surface]
-            light = gather_light(self.prepared, gbuffer, self.volume, self.config)
+            light = gather_light(
+                self.prepared, gbuffer, self.volume, self.config, self._live()
+            )
             direct, is_valid, _ = self.direct.sample(scene, sampler, ray, medium, active)
             total = direct + light.diffuse + light.specular
             return total, is_valid, [*direct, *light.diffuse, *light.specular, *surface]
@@ -184,8 +196,21 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
             """Names of the channels after the colour."""
             return AMBIENT_AOV_NAMES if self.config.mode == "ambient" else AOV_NAMES
 
+        def _live(self) -> ConeParameters | None:
+            """Return the parameters if they are not just the numbers of the configuration."""
+            values = self.parameters
+            if values is None or not (self.has_own_values or dr.grad_enabled(dict(values))):
+                return None
+            return values
+
         def traverse(self, callback: mi.TraversalCallback) -> None:
-            """Expose nothing yet: no parameter of the cones is differentiable."""
+            """Expose the parameters of the cones, as `vctgi.ConeParameters` names them."""
+            for name, value in (self.parameters or {}).items():
+                callback.put(name, value, mi.ParamFlags.Differentiable)
+
+        def parameters_changed(self, keys: Sequence[str]) -> None:
+            """Use the values that were set from now on."""
+            self.has_own_values = True
 
         def to_string(self) -> str:
             """One line for logs."""

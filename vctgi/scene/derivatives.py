@@ -1,0 +1,54 @@
+"""Which parameters of a scene the picture's derivatives reach; the others are refused.
+
+A derivative that is cut on its way is zero without a word, and an optimiser that uses it stands
+still. So only parameters are let through whose whole way is differentiated.
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+from vctgi.errors import SceneError
+
+SURFACE_NAMES = (
+    "reflectance",
+    "diffuse_reflectance",
+    "specular_reflectance",
+    "base_color",
+    "alpha",
+    "roughness",
+)
+"""Parameters of BSDFs, constant or textures, that have derivatives."""
+
+LIGHT_NAMES = ("radiance", "intensity", "irradiance")
+"""Parameters of emitters that have."""
+
+VALUES = ("value", "data")
+"""What constant and bitmap textures call their numbers."""
+
+
+def has_derivatives(name: str) -> bool:
+    """Whether the picture has derivatives by a parameter of `mi.traverse` of this name."""
+    parts = name.split(".")
+    return (
+        len(parts) >= 2 and parts[-1] in VALUES and parts[-2] in (*SURFACE_NAMES, *LIGHT_NAMES)
+    )
+
+
+def check_derivatives(scene: mi.Scene) -> None:
+    """Refuse derivatives that would be cut.
+
+    Raises
+    ------
+    SceneError
+        A parameter has derivatives enabled that the picture has none by.
+    """
+    for name, value in mi.traverse(scene).items():
+        if dr.is_diff_v(value) and dr.grad_enabled(value) and not has_derivatives(name):
+            raise SceneError(
+                "no derivative",
+                f"the parameter '{name}'",
+                "detach it: shapes, places and directions fill voxels in jumps, and of media, "
+                "masks and environments nothing is differentiated",
+            )
