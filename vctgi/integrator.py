@@ -105,6 +105,25 @@ def _config_from_properties(props: mi.Properties) -> tuple[str, RenderConfig]:
     )
 
 
+def _parameters_of(config: RenderConfig) -> ConeParameters | None:
+    """Return the parameters of a preset's cones; those that belong to the world have none."""
+    is_tangent = config.diffuse.cones().frame == "tangent"
+    return ConeParameters.from_config(config) if is_tangent else None
+
+
+def _live(parameters: ConeParameters | None, *, has_own: bool) -> ConeParameters | None:
+    """Return parameters that are not just the numbers of the configuration."""
+    if parameters is None or not (has_own or dr.grad_enabled(dict(parameters))):
+        return None
+    return parameters
+
+
+def _exposed(callback: mi.TraversalCallback, parameters: ConeParameters | None) -> None:
+    """Show parameters by their names."""
+    for name, value in (parameters or {}).items():
+        callback.put(name, value, mi.ParamFlags.Differentiable)
+
+
 def _integrator_class() -> type[mi.SamplingIntegrator]:
     """Return the plugin's class for the variant that is set."""
 
@@ -127,9 +146,7 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
             super().__init__(props)
             self.preset_name, self.config = _config_from_properties(props)
             self.direct = mi.load_dict({"type": "direct", "hide_emitters": self.hide_emitters})
-            self.parameters: ConeParameters | None = None
-            if self.config.diffuse.cones().frame == "tangent":
-                self.parameters = ConeParameters.from_config(self.config)
+            self.parameters = _parameters_of(self.config)
             self.has_own_values = False
             self.prepared: PreparedScene | None = None
             self.volume: VoxelVolume | None = None
@@ -180,13 +197,22 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
             surface = [*gbuffer.albedo, *normal, as_component(gbuffer.depth)]
             if self.config.mode == "ambient":
                 open_share = gather_ambient(
-                    self.prepared, gbuffer, self.volume, self.config, None, self._live()
+                    self.prepared,
+                    gbuffer,
+                    self.volume,
+                    self.config,
+                    None,
+                    _live(self.parameters, has_own=self.has_own_values),
                 )
                 openness = as_component(open_share)
                 total = mi.Spectrum(gbuffer.albedo * openness)
                 return total, as_mask(gbuffer.is_valid), [openness, *surface]
             light = gather_light(
-                self.prepared, gbuffer, self.volume, self.config, self._live()
+                self.prepared,
+                gbuffer,
+                self.volume,
+                self.config,
+                _live(self.parameters, has_own=self.has_own_values),
             )
             direct, is_valid, _ = self.direct.sample(scene, sampler, ray, medium, active)
             total = direct + light.diffuse + light.specular
@@ -196,19 +222,11 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
             """Names of the channels after the colour."""
             return AMBIENT_AOV_NAMES if self.config.mode == "ambient" else AOV_NAMES
 
-        def _live(self) -> ConeParameters | None:
-            """Return the parameters if they are not just the numbers of the configuration."""
-            values = self.parameters
-            if values is None or not (self.has_own_values or dr.grad_enabled(dict(values))):
-                return None
-            return values
-
         def traverse(self, callback: mi.TraversalCallback) -> None:
             """Expose the parameters of the cones, as `vctgi.ConeParameters` names them."""
-            for name, value in (self.parameters or {}).items():
-                callback.put(name, value, mi.ParamFlags.Differentiable)
+            _exposed(callback, self.parameters)
 
-        def parameters_changed(self, keys: Sequence[str]) -> None:
+        def parameters_changed(self, keys: Sequence[str] = ()) -> None:
             """Use the values that were set from now on."""
             self.has_own_values = True
 

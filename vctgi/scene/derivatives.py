@@ -31,9 +31,7 @@ VALUES = ("value", "data")
 def has_derivatives(name: str) -> bool:
     """Whether the picture has derivatives by a parameter of `mi.traverse` of this name."""
     parts = name.split(".")
-    return (
-        len(parts) >= 2 and parts[-1] in VALUES and parts[-2] in (*SURFACE_NAMES, *LIGHT_NAMES)
-    )
+    return len(parts) >= 2 and parts[-1] in VALUES and parts[-2] in (*SURFACE_NAMES, *LIGHT_NAMES)
 
 
 def check_derivatives(scene: mi.Scene) -> None:
@@ -44,7 +42,9 @@ def check_derivatives(scene: mi.Scene) -> None:
     SceneError
         A parameter has derivatives enabled that the picture has none by.
     """
-    for name, value in mi.traverse(scene).items():
+    parameters = mi.traverse(scene)
+    for name in list(parameters.keys()):
+        value = parameters[name]
         if dr.is_diff_v(value) and dr.grad_enabled(value) and not has_derivatives(name):
             raise SceneError(
                 "no derivative",

@@ -295,9 +295,10 @@ def _emitted(target: Target, held: mi.UInt32, coverage: mi.Float) -> list[mi.Flo
         for channel, sums in enumerate(target.sums)
     ]
     if target.mirror is not None:
+        # Values of the integers, derivatives of the mirror: what is added is zero.
         mirrored = (dr.gather(mi.Float64, sums, held) for sums in target.mirror)
         pairs = zip(values, mirrored, strict=True)
-        values = [mi.Float64(dr.replace_grad(value, live)) for value, live in pairs]
+        values = [mi.Float64(value + (live - dr.detach(live))) for value, live in pairs]
     emitted = []
     for channel in range(3):
         value = mi.Float64(values[channel])

@@ -189,7 +189,9 @@ def sum_in_slots(
         dr.eval(sums)
     found = [mi.Float(mi.Float64(held) * (1.0 / STEPS_PER_FACE)) for held in sums]
     for number, mirror in enumerate(live, start=1):
-        found[number] = dr.replace_grad(found[number], mi.Float(mirror))
+        # Zero, with the derivatives of the mirror
+        slope = mi.Float(mirror - dr.detach(mirror))
+        found[number] = found[number] + slope
     result = SlotSums(
         found[0], mi.Color3f(*found[1:4]), mi.Vector3f(*found[4:7]), mi.Vector3f(*found[7:10])
     )
