@@ -6,6 +6,8 @@ still. So only parameters are let through whose whole way is differentiated.
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 
@@ -42,10 +44,10 @@ def check_derivatives(scene: mi.Scene) -> None:
     SceneError
         A parameter has derivatives enabled that the picture has none by.
     """
-    parameters = mi.traverse(scene)
+    parameters: Any = mi.traverse(scene)
     for name in list(parameters.keys()):
         value = parameters[name]
-        if dr.is_diff_v(value) and dr.grad_enabled(value) and not has_derivatives(name):
+        if dr.grad_enabled(value) and not has_derivatives(name):
             raise SceneError(
                 "no derivative",
                 f"the parameter '{name}'",
