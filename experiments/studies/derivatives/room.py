@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import drjit as dr
@@ -17,7 +17,7 @@ from vctgi.parameters import ConeParameters
 from vctgi.pipeline import light_volume, prepare_scene, render_frame
 from vctgi.prepared import PreparedScene
 
-EDGE = 32
+EDGE = 48
 """Pixels along an edge of the picture."""
 
 START = {"step_ratio": 0.47, "min_step_voxels": 0.27, "start_offset_voxels": 1.03}
@@ -42,6 +42,8 @@ class DerivativeRoom:
         The scene for cones, lit at its own parameters.
     volume
         Its voxels.
+    start
+        Values of the scene's parameters that were moved.
     """
 
     scene: mi.Scene
@@ -49,6 +51,7 @@ class DerivativeRoom:
     config: RenderConfig
     prepared: PreparedScene
     volume: Any
+    start: dict[str, Any] = field(default_factory=dict)
 
     def with_cones(self, name: str) -> Callable[[mi.Float], mi.Float]:
         """Return the picture's numbers as a function of a parameter of the cones."""
@@ -60,6 +63,7 @@ class DerivativeRoom:
 
     def numbers(self, values: dict[str, mi.Float]) -> mi.Float:
         """Return the picture's numbers where some of the cones' parameters have these values."""
+        self.restore()
         parameters = self.cones()
         for name, value in values.items():
             parameters[name] = value
@@ -69,17 +73,25 @@ class DerivativeRoom:
         """Return the picture's numbers as a function of a parameter of the scene."""
 
         def picture(values: Any) -> mi.Float:
+            self.restore()
             held = self.scene_parameters
-            before = type(held[name])(dr.detach(held[name]))
+            self.start.setdefault(name, type(held[name])(held[name]))
             held[name] = values
             held.update()
             prepared = prepare_scene(self.scene, self.scene.sensors()[0], config)
-            found = _numbers(prepared, light_volume(prepared, config).volume, config, None)
-            held[name] = before
-            held.update()
-            return found
+            return _numbers(prepared, light_volume(prepared, config).volume, config, None)
 
         return picture
+
+    def restore(self) -> None:
+        """Set the scene's parameters back, at the last moment.
+
+        Reverse mode calls Mitsuba's BSDFs and emitters again, as they are then: one that was set
+        back before has a derivative of zero.
+        """
+        for name, value in self.start.items():
+            self.scene_parameters[name] = value
+        self.scene_parameters.update()
 
     def cones(self) -> ConeParameters:
         """Return the cones' parameters where derivatives are taken."""
@@ -102,7 +114,7 @@ def _make_room() -> DerivativeRoom:
         clipmap=ClipmapConfig(resolution=32),
         reconstruction=replace(high.reconstruction, sparsity=1),
         samples_per_pixel=1,
-        diffuse=replace(high.diffuse, cone_count=9),
+        diffuse=replace(high.diffuse, cone_count=16, near_field_voxels=0.0),
     )
     prepared = prepare_scene(scene, scene.sensors()[0], config)
     volume = light_volume(prepared, config).volume
