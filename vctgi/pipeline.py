@@ -109,7 +109,8 @@ def prepare_scene(
         derivatives enabled that the picture has none by.
     """
     with clock("scene"):
-        check_derivatives(scene)
+        is_cut = config.emission_in_voxels or config.sky_in_cones or config.sky_lighting == "cones"
+        check_derivatives(scene, ("radiance",) if is_cut else ())
         lights = [] if config.mode == "ambient" else list_lights(scene)
         if not lights and config.mode != "ambient":
             raise SceneError("no light", "the scene", "add an emitter")

@@ -136,6 +136,22 @@ def test_parameters_without_a_derivative_are_refused() -> None:
     assert {"position", "vertex_positions", "to_world"} <= refused
 
 
+@pytest.mark.parametrize(
+    "config",
+    [
+        replace(CONFIG, emission_in_voxels=True),
+        replace(CONFIG, sky_in_cones=True),
+        replace(CONFIG, sky_lighting="cones"),
+    ],
+)
+def test_light_on_ways_without_a_derivative_is_refused(config: RenderConfig) -> None:
+    scene = lit_room()
+    parameters: Any = mi.traverse(scene)
+    dr.enable_grad(parameters[LAMP])
+    with pytest.raises(SceneError, match="no derivative: the parameter 'lamp.emitter"):
+        prepare_scene(scene, scene.sensors()[0], config)
+
+
 def test_mitsuba_renders_with_derivatives() -> None:
     """`mi.render` with other random numbers for the derivative than for the picture."""
     scene = lit_room()

@@ -36,8 +36,15 @@ def has_derivatives(name: str) -> bool:
     return len(parts) >= 2 and parts[-1] in VALUES and parts[-2] in (*SURFACE_NAMES, *LIGHT_NAMES)
 
 
-def check_derivatives(scene: mi.Scene) -> None:
+def check_derivatives(scene: mi.Scene, cut: tuple[str, ...] = ()) -> None:
     """Refuse derivatives that would be cut.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    cut
+        Names of `LIGHT_NAMES` whose way is not differentiated in this configuration.
 
     Raises
     ------
@@ -47,10 +54,15 @@ def check_derivatives(scene: mi.Scene) -> None:
     parameters: Any = mi.traverse(scene)
     for name in list(parameters.keys()):
         value = parameters[name]
-        if dr.grad_enabled(value) and not has_derivatives(name):
+        if dr.grad_enabled(value) and not (has_derivatives(name) and _is_whole(name, cut)):
             raise SceneError(
                 "no derivative",
                 f"the parameter '{name}'",
-                "detach it: shapes, places and directions fill voxels in jumps, and of media, "
-                "masks and environments nothing is differentiated",
+                "detach it: shapes, places and directions fill voxels in jumps; masks, media, light "
+                "that voxels emit by themselves and a sky that cones see are not differentiated",
             )
+
+
+def _is_whole(name: str, cut: tuple[str, ...]) -> bool:
+    """Whether the parameter is none of those that are cut."""
+    return name.split(".")[-2] not in cut
