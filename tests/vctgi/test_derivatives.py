@@ -148,7 +148,7 @@ def test_light_on_ways_without_a_derivative_is_refused(config: RenderConfig) -> 
     scene = lit_room()
     parameters: Any = mi.traverse(scene)
     dr.enable_grad(parameters[LAMP])
-    with pytest.raises(SceneError, match="no derivative: the parameter 'lamp.emitter"):
+    with pytest.raises(SceneError, match="no derivative: the parameter 'lamp"):
         prepare_scene(scene, scene.sensors()[0], config)
 
 
