@@ -97,7 +97,7 @@ def checks() -> list[Check]:
     found += [
         Check(
             name=f"bias where cones end at transmittance {least:g}: aperture_scale",
-            configuration=f"reverse mode, off differences of step {COARSE:g}; no limit: a known bias",
+            configuration=f"reverse mode, off differences of step {COARSE:g}; a known bias",
             scene=SCENE,
             measure=partial(_bias_of_ending, least=least),
             goal=0.0,
