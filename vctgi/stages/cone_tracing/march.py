@@ -21,6 +21,7 @@ from vctgi.clipmap.levels import WINDOW_MARGIN_VOXELS, ClipmapLayout
 from vctgi.clipmap.sampling import read_medium, read_sample
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.stub_gaps import as_component
+from vctgi.stages.cone_tracing.live_march import AnyMarch, LiveMarch
 from vctgi.stages.cone_tracing.march_config import ConeMarchConfig as ConeMarchConfig
 from vctgi.stages.cone_tracing.step_rules import corrected_sample, seen_in_medium, step_length
 
@@ -56,7 +57,7 @@ def march_cone(
     axis: mi.Vector3f,
     cone_ratio: mi.Float,
     phase: mi.Float,
-    config: ConeMarchConfig,
+    config: AnyMarch,
     active: mi.Bool,
     t_near: mi.Float | float = 0.0,
 ) -> ConeSample:
@@ -151,7 +152,7 @@ def step_at(
     axis: mi.Vector3f,
     footprint: mi.Float,
     step: mi.Float,
-    config: ConeMarchConfig,
+    config: AnyMarch,
 ) -> tuple[mi.Float, mi.Color3f]:
     """Return the share that a step stops and the radiance that it adds, between two levels.
 
@@ -181,6 +182,8 @@ def step_at(
         )
         extinction = dr.lerp(near.extinction, far.extinction, blend)
         source = dr.lerp(near.source, far.source, as_component(blend))
+        if isinstance(config, LiveMarch) or config.correction_factor != 1.0:
+            step = step * config.correction_factor
         return seen_in_medium(extinction, source, step)
     fine, coarse = (
         read_sample(volume, each, place, axis, config.weights) for each, place in places
@@ -192,7 +195,7 @@ def step_at(
 
 
 def level_read(
-    layout: ClipmapLayout, p_world: mi.Point3f, footprint: mi.Float, config: ConeMarchConfig
+    layout: ClipmapLayout, p_world: mi.Point3f, footprint: mi.Float, config: AnyMarch
 ) -> mi.Float:
     """Return the fractional level that a cone of this footprint is read from at a point."""
     wanted = dr.log2(footprint / layout.finest_voxel_size) + config.level_bias
@@ -201,7 +204,7 @@ def level_read(
 
 
 def limited_end(
-    layout: ClipmapLayout, t_end: mi.Float, cone_ratio: mi.Float, config: ConeMarchConfig
+    layout: ClipmapLayout, t_end: mi.Float, cone_ratio: mi.Float, config: AnyMarch
 ) -> mi.Float:
     """Return where cones end that have a limit of their own."""
     if config.max_distance_voxels is not None:
@@ -213,7 +216,7 @@ def limited_end(
 
 
 def _pull_back(
-    layout: ClipmapLayout, level: mi.UInt32, axis: mi.Vector3f, config: ConeMarchConfig
+    layout: ClipmapLayout, level: mi.UInt32, axis: mi.Vector3f, config: AnyMarch
 ) -> mi.Point3f:
     """Return by how much a level is read before the sample, world units."""
     distance = config.pull_back_voxels * layout.finest_voxel_size * dr.exp2(mi.Float(level))

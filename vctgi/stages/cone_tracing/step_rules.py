@@ -7,16 +7,14 @@ import mitsuba as mi
 
 from vctgi.clipmap.sampling import THIN_OPACITY
 from vctgi.maths.stub_gaps import as_component
-from vctgi.stages.cone_tracing.march_config import ConeMarchConfig
+from vctgi.stages.cone_tracing.live_march import AnyMarch
 
 WIDEST_SPHERES = 0.9
 """Largest half cone ratio for which spheres that touch have a finite growth; a wider cone takes the
 steps of this one."""
 
 
-def step_length(
-    t: mi.Float, held: mi.Float, cone_ratio: mi.Float, config: ConeMarchConfig
-) -> mi.Float:
+def step_length(t: mi.Float, held: mi.Float, cone_ratio: mi.Float, config: AnyMarch) -> mi.Float:
     """Return the length of the step that begins at a distance.
 
     Parameters
@@ -58,7 +56,7 @@ def seen_in_medium(
 
 
 def corrected_sample(
-    opacity: mi.Float, emittance: mi.Color3f, voxels: mi.Float, config: ConeMarchConfig
+    opacity: mi.Float, emittance: mi.Color3f, voxels: mi.Float, config: AnyMarch
 ) -> tuple[mi.Float, mi.Color3f]:
     """Return share stopped and radiance added by a sample of voxels.
 
