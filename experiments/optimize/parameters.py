@@ -34,6 +34,8 @@ class Parameter:
     """Returns a configuration with another value."""
     scale: float | None = None
     """What counts as a change of 1; None: the logarithm is fitted."""
+    options: tuple[int, ...] | None = None
+    """The only values of a discrete choice, which has no derivative; None: any in the bounds."""
 
     def inner(self, value: float) -> float:
         """Return the number that an optimiser sees."""
@@ -42,6 +44,8 @@ class Parameter:
     def outer(self, number: float) -> float:
         """Return the value, inside its bounds."""
         value = math.exp(number) if self.scale is None else number * self.scale
+        if self.options is not None:
+            return min(self.options, key=lambda option: abs(option - value))
         return min(max(value, self.low), self.high)
 
     @property
@@ -59,9 +63,11 @@ def write_point(
     return config
 
 
-def _march(name: str) -> tuple[
-    Callable[[RenderConfig], float], Callable[[RenderConfig, float], RenderConfig]
-]:
+Read = Callable[[RenderConfig], float]
+Write = Callable[[RenderConfig, float], RenderConfig]
+
+
+def _march(name: str) -> tuple[Read, Write]:
     """Return how a number of the diffuse cones' march is read and written."""
 
     def read(config: RenderConfig) -> float:
@@ -74,9 +80,7 @@ def _march(name: str) -> tuple[
     return read, write
 
 
-def _diffuse(name: str) -> tuple[
-    Callable[[RenderConfig], float], Callable[[RenderConfig, float], RenderConfig]
-]:
+def _diffuse(name: str) -> tuple[Read, Write]:
     """Return how a number of the diffuse cones is read and written."""
 
     def read(config: RenderConfig) -> float:
@@ -90,9 +94,7 @@ def _diffuse(name: str) -> tuple[
 
 def _single(
     name: str,
-    place: tuple[
-        Callable[[RenderConfig], float], Callable[[RenderConfig, float], RenderConfig]
-    ],
+    place: tuple[Read, Write],
     bounds: tuple[float, float],
     reason: str,
     scale: float | None = None,
@@ -164,6 +166,52 @@ SINGLE = {
 """Parameters of one number."""
 
 
+def _write_cone_count(config: RenderConfig, value: float) -> RenderConfig:
+    if round(value) == config.diffuse.cone_count:
+        return config
+    # What was set cone by cone belongs to the count before.
+    diffuse = replace(
+        config.diffuse,
+        cone_count=round(value),
+        cone_apertures=None,
+        cone_weights=None,
+        cone_elevations=None,
+    )
+    return replace(config, diffuse=diffuse)
+
+
+def _write_sparsity(config: RenderConfig, value: float) -> RenderConfig:
+    return replace(config, reconstruction=replace(config.reconstruction, sparsity=round(value)))
+
+
+CHOICES = {
+    each.name: each
+    for each in (
+        Parameter(
+            name="cone_count",
+            low=4,
+            high=64,
+            reason="counts whose rings are of about equal width",
+            read=lambda config: config.diffuse.cone_count,
+            write=_write_cone_count,
+            scale=1.0,
+            options=(4, 6, 9, 12, 16, 17, 24, 32, 48, 64),
+        ),
+        Parameter(
+            name="sparsity",
+            low=1,
+            high=16,
+            reason="the squares that sparse pixels know",
+            read=lambda config: config.reconstruction.sparsity,
+            write=_write_sparsity,
+            scale=1.0,
+            options=(1, 4, 9, 16),
+        ),
+    )
+}
+"""Discrete choices, which only Optuna makes."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class RingRule:
     """A parameter for each ring of cones."""
@@ -205,7 +253,7 @@ RINGS = {
 
 def parameter_names() -> list[str]:
     """Return all names that `find_parameters` takes."""
-    return [*SINGLE, *RINGS]
+    return [*SINGLE, *RINGS, *CHOICES]
 
 
 def find_parameters(names: Sequence[str], config: RenderConfig) -> list[Parameter]:
@@ -218,8 +266,8 @@ def find_parameters(names: Sequence[str], config: RenderConfig) -> list[Paramete
     """
     found: list[Parameter] = []
     for name in dict.fromkeys(names):
-        if name in SINGLE:
-            found.append(_fitting(SINGLE[name], config))
+        if name in SINGLE or name in CHOICES:
+            found.append(_fitting({**SINGLE, **CHOICES}[name], config))
         elif name in RINGS:
             found += _ring_parameters(name, config)
         else:
@@ -230,13 +278,15 @@ def find_parameters(names: Sequence[str], config: RenderConfig) -> list[Paramete
             )
     if not found:
         raise InputError(what="no parameter is named", where="--parameters", remedy="name one")
-    return found
+    # A count resets what is set cone by cone, so choices are written first.
+    return sorted(found, key=lambda each: each.options is None)
 
 
 def _fitting(parameter: Parameter, config: RenderConfig) -> Parameter:
     """Return a parameter whose start lies in its bounds, or refuse it."""
     value = parameter.read(config)
-    if not parameter.low <= value <= parameter.high:
+    is_option = parameter.options is None or value in parameter.options
+    if not (parameter.low <= value <= parameter.high and is_option):
         raise InputError(
             what=f"'{parameter.name}' is {value:g} in the preset, outside of "
             f"{parameter.low:g} .. {parameter.high:g} ({parameter.reason})",
