@@ -212,6 +212,8 @@ def _from_file(path: Path) -> RenderConfig:
     file = read_preset_file(path)
     if file.base not in (*PRESETS, *peer_names()):
         raise PresetFileError(
-            f"the preset file's base is '{file.base}'", str(path), f"use one of {', '.join(PRESETS)}"
+            f"the preset file's base is '{file.base}'",
+            str(path),
+            f"use one of {', '.join(PRESETS)}",
         )
     return changed_config(preset(file.base), file, path)

@@ -219,7 +219,11 @@ def _as_kind(given: Any, kind: Any) -> Any:
     """Return a value as an annotation without alternatives asks for it, or `_OTHER`."""
     origin, arguments = get_origin(kind), get_args(kind)
     if origin is Literal:
-        return given if any(given == each and type(given) is type(each) for each in arguments) else _OTHER
+        return (
+            given
+            if any(given == each and type(given) is type(each) for each in arguments)
+            else _OTHER
+        )
     if origin is tuple:
         return _as_tuple(given, arguments)
     if kind is float and type(given) is int:

@@ -24,7 +24,7 @@ class AnyObjective(Protocol):
         """Return F, or infinity where a point is refused; the start never is."""
 
 
-def minimise_by_trials(  # noqa: PLR0913 - what a search is told
+def minimise_by_trials(
     objective: AnyObjective,
     parameters: Sequence[Parameter],
     start: Array,

@@ -1,4 +1,4 @@
-"""Evaluations of frames, each kept on disk when it is done and found again by what it depends on."""
+"""Evaluations of frames, kept on disk when done and found again by what they depend on."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class FrameEvaluator:
         Called before each evaluation with the title of its view.
     """
 
-    def __init__(  # noqa: PLR0913 - what an evaluation depends on
+    def __init__(
         self,
         views: Sequence[View],
         frame_count: int,

@@ -111,7 +111,8 @@ class FrameSource:
         live = self._forward(view, number, config, tangents)
         for place, parameter in enumerate(parameters):
             by_differences, cost = self._difference(view, number, config, parameter)
-            image_columns.append(by_differences if live[place] is None else live[place])
+            forward = live[place]
+            image_columns.append(by_differences if forward is None else forward)
             cost_columns.append(cost)
         return np.stack(image_columns), np.array(cost_columns).T
 
@@ -199,9 +200,7 @@ def tangents_of(config: RenderConfig, parameter: Parameter) -> dict[str, Array]:
     centre = parameter.inner(parameter.read(config))
     low, high = parameter.inner_bounds
     ends = (max(centre - TANGENT_STEP, low), min(centre + TANGENT_STEP, high))
-    before, after = (
-        live_numbers(parameter.write(config, parameter.outer(end))) for end in ends
-    )
+    before, after = (live_numbers(parameter.write(config, parameter.outer(end))) for end in ends)
     length = ends[1] - ends[0]
     found = {name: (after[name] - before[name]) / length for name in before}
     return {name: values for name, values in found.items() if np.any(values != 0.0)}

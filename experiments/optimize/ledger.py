@@ -1,7 +1,7 @@
-"""Finished evaluations on disk, so that a fit that was killed goes on, and ends where it would have.
+"""Finished evaluations on disk, so that a fit that was killed goes on.
 
-Append-only lines of JSON. Optimisers are deterministic: started again they ask for the same
-evaluations, find those that are kept, and go on with the first that is not.
+It ends where it would have. Append-only lines of JSON. Optimisers are deterministic: started again
+they ask for the same evaluations, find those that are kept, and go on with the first that is not.
 """
 
 from __future__ import annotations

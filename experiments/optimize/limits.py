@@ -58,8 +58,10 @@ class Limit:
         return value > self.start + self.allowance
 
     def push(self, value: float) -> float:
-        """Return the residual whose square is the penalty: 0 up to half of the allowance, then 1 at
-        its end."""
+        """Return the residual whose square is the penalty.
+
+        It is 0 up to half of the allowance, and 1 at its end.
+        """
         half = 0.5 * self.allowance
         return max(0.0, (value - self.start - half) / half)
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from experiments.errors import InputError
 from vctgi.config import RenderConfig
 from vctgi.maths.cones import ring_sizes
-from vctgi.stages.cone_tracing.march import ConeMarchConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,8 @@ def _march(name: str) -> tuple[Read, Write]:
         return float(getattr(config.diffuse.march, name))
 
     def write(config: RenderConfig, value: float) -> RenderConfig:
-        march: ConeMarchConfig = replace(config.diffuse.march, **{name: value})
+        change: dict[str, Any] = {name: value}
+        march = replace(config.diffuse.march, **change)
         return replace(config, diffuse=replace(config.diffuse, march=march))
 
     return read, write
@@ -87,7 +88,8 @@ def _diffuse(name: str) -> tuple[Read, Write]:
         return float(getattr(config.diffuse, name))
 
     def write(config: RenderConfig, value: float) -> RenderConfig:
-        return replace(config, diffuse=replace(config.diffuse, **{name: value}))
+        change: dict[str, Any] = {name: value}
+        return replace(config, diffuse=replace(config.diffuse, **change))
 
     return read, write
 
@@ -311,7 +313,9 @@ def _ring_parameters(name: str, config: RenderConfig) -> list[Parameter]:
         is_pole = number == 0 and size == 1
         is_last = number == len(rings) - 1
         if not (is_pole and not rule.has_pole) and not (is_last and rule.is_relative):
-            found.append(_fitting(_ring_parameter(name, number, range(first, first + size)), config))
+            found.append(
+                _fitting(_ring_parameter(name, number, range(first, first + size)), config)
+            )
         first += size
     return found
 
@@ -330,8 +334,8 @@ def _ring_parameter(name: str, number: int, cones: range) -> Parameter:
         new = value * values[-1] if rule.is_relative else value
         for cone in cones:
             values[cone] = new
-        diffuse = replace(config.diffuse, **{rule.field: tuple(values)})
-        return replace(config, diffuse=diffuse)
+        change: dict[str, Any] = {rule.field: tuple(values)}
+        return replace(config, diffuse=replace(config.diffuse, **change))
 
     return Parameter(
         name=f"{name}[{number}]",

@@ -132,9 +132,7 @@ def run_fit(options: FitOptions, variant: str, progress: Progress) -> FitResult:
     views = [make_view(name, view_options, base, progress) for name in names]
     unseen = [make_view(name, view_options, base, progress) for name in outside]
     cache = options.cache or Path.cwd()
-    ledger = EvaluationLedger(
-        cache / "optimize" / f"{variant}.jsonl", code_circumstances(variant)
-    )
+    ledger = EvaluationLedger(cache / "optimize" / f"{variant}.jsonl", code_circumstances(variant))
     source = FrameSource(options.seed, options.derivatives)
     shown = _Shown(progress, options)
 
@@ -260,9 +258,7 @@ def _minimise(
     if options.method == "adam":
         steps = AdamOptions(iterations=options.iterations)
         return minimise_by_adam(fit, start, low, high, steps, shown.point)
-    return minimise(
-        fit, start, low, high, StopRule(evaluations=options.iterations), shown.point
-    )
+    return minimise(fit, start, low, high, StopRule(evaluations=options.iterations), shown.point)
 
 
 class _Shown:

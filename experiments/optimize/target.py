@@ -1,4 +1,4 @@
-"""What a picture should be: the reference of a view as a noise-free quadratic function of a picture.
+"""What a picture should be: the reference of a view as a quadratic function of the picture.
 
 The debiased relative squared error ``mean((V - R)^2 - s^2 / M) / (R^2 + eps)`` with weights from an
 independent half of the batches is, both halves taken in turn, ``mean(w (V - C)^2) + k``: weights w,
@@ -55,25 +55,25 @@ class Target:
     light: float
 
     def error(self, image: Array) -> float:
-        """Debiased relative squared error of a picture; below 0 it is lost in the noise."""
+        """Return the debiased relative squared error of a picture; below 0 it is noise."""
         return self.squares(image) + self.constant
 
     def squares(self, image: Array) -> float:
-        """The part of it that depends on the picture, >= 0."""
+        """Return the part of it that depends on the picture, >= 0."""
         return float(np.mean(self.weights * (image - self.centre) ** 2))
 
     def pull(self, image: Array) -> Array:
-        """Derivative of the error by each value of the picture, [y, x, rgb]."""
+        """Return the derivative of the error by each value of the picture, [y, x, rgb]."""
         found: Array = 2.0 / image.size * self.weights * (image - self.centre)
         return found
 
     def excess(self, image: Array) -> tuple[float, float]:
-        """Light where it is dark, and light that is missing, over all light (metrics.leaking)."""
+        """Return light where it is dark, and light that is missing, over all light."""
         over, under = self._excess_maps(luminance(image))
         return float(over.sum() / self.light), float(under.sum() / self.light)
 
     def excess_slopes(self, image: Array, columns: Array) -> tuple[Array, Array]:
-        """Derivatives of both by parameters, [parameter], from columns [parameter, y, x, rgb]."""
+        """Return derivatives of both, [parameter], from columns [parameter, y, x, rgb]."""
         over, under = self._excess_maps(luminance(image))
         changes = np.stack([luminance(column) for column in columns])
         return (

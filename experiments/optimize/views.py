@@ -16,8 +16,8 @@ from experiments.scenes import LoadedScene, load_scene
 from vctgi.config import RenderConfig
 
 TURN_DEGREES = 12.0
-"""Turn of a held-out view of a training scene about the camera's own upward axis: most of the
-picture shows other surfaces, at other places in the lattice, because the clipmap follows the view."""
+"""Turn of a held-out view of a training scene about the camera's own upward axis: a part of the
+picture shows other surfaces, and all lie elsewhere in the lattice, as the clipmap follows it."""
 
 BATCH_COUNT = 8
 """Independent batches of a reference."""
@@ -88,7 +88,7 @@ def load_view(name: ViewName, options: ViewOptions) -> LoadedScene:
         sensor = loaded.scene.sensors()[loaded.sensor_index]
         parameters = mi.traverse(sensor)
         turn = mi.ScalarTransform4f().rotate([0, 1, 0], TURN_DEGREES)
-        before = mi.ScalarTransform4f(np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4))
+        before = _matrix(parameters["to_world"])
         parameters["to_world"] = mi.Transform4f(before @ turn)
         parameters.update()
     return loaded
@@ -153,11 +153,10 @@ def move_scene(scene: mi.Scene, offset: np.ndarray, title: str) -> None:
             positions = np.array(parameters[key], dtype=np.float64).reshape(-1, 3) + offset
             parameters[key] = mi.Float(positions.astype(np.float32).ravel())
         elif last == "to_world":
-            held = np.array(parameters[key].matrix, dtype=np.float64).reshape(4, 4)
-            parameters[key] = mi.Transform4f(moved @ mi.ScalarTransform4f(held))
+            parameters[key] = mi.Transform4f(moved @ _matrix(parameters[key]))
         elif last == "position":
-            held = np.array(parameters[key], dtype=np.float64).ravel()
-            parameters[key] = mi.Point3f(*(held + offset).tolist())
+            place = np.array(parameters[key], dtype=np.float64).ravel() + offset
+            parameters[key] = mi.Point3f(*place.tolist())
     parameters.update()
     after = _corners(scene)
     reach = float(np.abs(before).max()) + 1.0
@@ -177,3 +176,8 @@ SINGLE_PRECISION = 1e-5
 def _corners(scene: mi.Scene) -> np.ndarray:
     box = scene.bbox()
     return np.array([np.array(box.min).ravel(), np.array(box.max).ravel()], dtype=np.float64)
+
+
+def _matrix(transform: mi.Transform4f) -> mi.ScalarTransform4f:
+    """Return the one transformation of an array of one."""
+    return mi.ScalarTransform4f(np.array(transform.matrix, dtype=np.float32).reshape(4, 4))
