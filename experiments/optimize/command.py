@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
@@ -117,8 +118,6 @@ def optimize(  # noqa: PLR0913 - the options of a command
 def _fit_and_write(
     options: FitOptions, variant: str, cache: Path, output: Path, json_file: Path | None
 ) -> int:
-    from dataclasses import replace
-
     from experiments.machine import BackendName, describe_machine
     from experiments.optimize.preset_record import fit_record, fitted_preset
     from experiments.optimize.run import run_fit

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -15,6 +15,7 @@ from experiments.errors import InputError
 from experiments.optimize.adam import AdamOptions, minimise_by_adam
 from experiments.optimize.discrete import minimise_by_trials
 from experiments.optimize.evaluation import FrameEvaluator, code_circumstances
+from experiments.optimize.find_parameters import find_parameters
 from experiments.optimize.findings import ViewFinding, compare_view
 from experiments.optimize.fit import Fit, LimitRules
 from experiments.optimize.frames import Derivatives, FrameSource, point_config
@@ -22,7 +23,7 @@ from experiments.optimize.gauss_newton import Minimum, StopRule, minimise
 from experiments.optimize.intervals import Uncertainty
 from experiments.optimize.ledger import EvaluationLedger
 from experiments.optimize.limits import Limit
-from experiments.optimize.parameters import Parameter, find_parameters
+from experiments.optimize.parameters import Parameter
 from experiments.optimize.views import View, ViewName, ViewOptions, make_view
 from vctgi.config import RenderConfig
 
@@ -188,8 +189,6 @@ def run_fit(options: FitOptions, variant: str, progress: Progress) -> FitResult:
 
 def fit_config(options: FitOptions) -> RenderConfig:
     """Return the configuration that a fit starts from."""
-    from dataclasses import replace
-
     base = vctgi.preset(options.preset)
     if options.clipmap_resolution is None:
         return base
