@@ -17,7 +17,7 @@ from experiments.optimize.discrete import minimise_by_trials
 from experiments.optimize.evaluation import FrameEvaluator, code_circumstances
 from experiments.optimize.find_parameters import find_parameters
 from experiments.optimize.findings import ViewFinding, compare_view
-from experiments.optimize.fit import Fit, LimitRules
+from experiments.optimize.fit import LEAST_ERROR, Fit, LimitRules
 from experiments.optimize.frames import Derivatives, FrameSource, point_config
 from experiments.optimize.gauss_newton import Minimum, StopRule, minimise
 from experiments.optimize.intervals import Uncertainty
@@ -152,6 +152,7 @@ def run_fit(options: FitOptions, variant: str, progress: Progress) -> FitResult:
     training = evaluator(views, 0)
     start = np.array([each.inner(each.read(base)) for each in parameters])
     fit = Fit(training, start, options.limits)
+    _require_errors(fit, views)
     minimum = _minimise(fit, parameters, start, options, shown)
     end, fitted = minimum.point, point_config(base, parameters, minimum.point)
     bounds = np.array([each.inner_bounds for each in parameters])
@@ -244,6 +245,17 @@ def view_names(options: FitOptions) -> tuple[list[ViewName], list[ViewName]]:
     if options.has_turned_views:
         held_out += [ViewName(scene=each.scene, is_turned=True) for each in training]
     return training, held_out
+
+
+def _require_errors(fit: Fit, views: Sequence[View]) -> None:
+    """Refuse a scene whose error at the start is lost in the noise of its reference."""
+    for view, error in zip(views, fit.start_errors, strict=True):
+        if error <= LEAST_ERROR:
+            raise InputError(
+                what="the error at the start is lost in the noise of the reference",
+                where=view.name.title,
+                remedy="give more --spp",
+            )
 
 
 def _minimise(

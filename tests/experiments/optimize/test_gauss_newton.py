@@ -15,31 +15,11 @@ from experiments.optimize.gauss_newton import (
     minimise,
 )
 from experiments.optimize.target import Array
+from tests.experiments.optimize.known_problems import Residuals, exponential_fit
 
 EXACT = StopRule(evaluations=100, tolerance=1e-12)
 DOUBLE_PRECISION = 1e-6
 """Root of the relative change that ends the search."""
-
-
-class Residuals:
-    """A sum of squares from residuals and their Jacobian; refused points are infinite."""
-
-    def __init__(
-        self,
-        residuals: Callable[[Array], Array],
-        jacobian: Callable[[Array], Array],
-        refuses: Callable[[Array], bool] = lambda _point: False,
-    ) -> None:
-        self.residuals, self.jacobian, self.refuses = residuals, jacobian, refuses
-        self.asked: list[Array] = []
-
-    def value(self, point: Array) -> float:
-        self.asked.append(point.copy())
-        return math.inf if self.refuses(point) else float(np.sum(self.residuals(point) ** 2))
-
-    def model(self, point: Array) -> LocalModel:
-        r, j = self.residuals(point), self.jacobian(point)
-        return LocalModel(value=float(r @ r), gradient=2.0 * j.T @ r, curvature=2.0 * j.T @ j)
 
 
 def linear(matrix: Array, right: Array, **rest: Callable[[Array], bool]) -> Residuals:
@@ -49,17 +29,7 @@ def linear(matrix: Array, right: Array, **rest: Callable[[Array], bool]) -> Resi
 def exponential(rate: float, size: float) -> Residuals:
     """Fit size exp(-rate t) to exact values at eight times."""
     t = np.linspace(0.0, 2.0, 8)
-    truth = size * np.exp(-rate * t)
-
-    def residuals(x: Array) -> Array:
-        found: Array = x[0] * np.exp(-x[1] * t) - truth
-        return found
-
-    def jacobian(x: Array) -> Array:
-        falling = np.exp(-x[1] * t)
-        return np.stack([falling, -x[0] * t * falling], axis=1)
-
-    return Residuals(residuals, jacobian)
+    return exponential_fit(t, size * np.exp(-rate * t))
 
 
 def test_a_quadratic_is_solved_in_a_few_points() -> None:
@@ -125,6 +95,10 @@ def test_the_compressed_jacobian_has_the_gradient_and_the_curvature() -> None:
 def test_the_number_of_points_is_bounded() -> None:
     problem = exponential(1.3, 2.5)
     found = minimise(
-        problem, np.array([1.0, 0.3]), np.array([0.1, 0.05]), np.array([10.0, 5.0]), StopRule(evaluations=3)
+        problem,
+        np.array([1.0, 0.3]),
+        np.array([0.1, 0.05]),
+        np.array([10.0, 5.0]),
+        StopRule(evaluations=3),
     )
     assert found.evaluations == len(problem.asked) == 3

@@ -8,7 +8,7 @@ import pytest
 from experiments.optimize.gauss_newton import StopRule, minimise
 from experiments.optimize.intervals import gradient_covariance, held_by_bounds, uncertainty
 from experiments.optimize.target import Array
-from tests.experiments.optimize.test_gauss_newton import Residuals
+from tests.experiments.optimize.known_problems import Residuals, exponential_fit
 
 RANGES = np.array([10.0, 10.0])
 NONE_HELD = np.zeros(2, dtype=bool)
@@ -41,7 +41,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
         frames = []
         for _ in range(6):
             seen = truth[0] * np.exp(-truth[1] * t) + noise * rng.normal(size=len(t))
-            frames.append(exponential_of(t, seen))
+            frames.append(exponential_fit(t, seen))
         whole = Residuals(
             lambda x, frames=frames: np.concatenate([f.residuals(x) for f in frames]),
             lambda x, frames=frames: np.concatenate([f.jacobian(x) for f in frames]),
@@ -53,14 +53,6 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
         held += np.abs(point - truth) <= found.half_widths
     # 95 % of 200 is 190, with a standard deviation of 3.
     assert held == pytest.approx(190, abs=12)
-
-
-def exponential_of(t: Array, seen: Array) -> Residuals:
-    def jacobian(x: Array) -> Array:
-        falling = np.exp(-x[1] * t)
-        return np.stack([falling, -x[0] * t * falling], axis=1)
-
-    return Residuals(lambda x: x[0] * np.exp(-x[1] * t) - seen, jacobian)
 
 
 def test_a_sum_does_not_tell_its_parts() -> None:
