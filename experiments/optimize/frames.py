@@ -40,8 +40,11 @@ TANGENT_STEP = 1e-4
 """Step, inner units, by which it is found how a parameter moves the cones' numbers, in double
 precision."""
 
-MOST_VOLUMES = 16
-"""Lit volumes that are kept: one for each view and place."""
+VOXEL_BYTES = 96
+"""Upper bound for a lit voxel in storage: six directions of four floats."""
+
+KEPT_BYTES = {"llvm": 8 << 30, "cuda": 40 << 30}
+"""Most memory for lit volumes that are kept, one for each view and place; others are made anew."""
 
 
 @dataclass(frozen=True)
@@ -186,9 +189,13 @@ class FrameSource:
         prepared = vctgi.prepare_scene(loaded.scene, sensor, config)
         lit = vctgi.light_volume(prepared, config)
         self._volumes[key] = (prepared, lit.volume)
-        if len(self._volumes) > MOST_VOLUMES:
+        while len(self._volumes) > 1 and self._kept_bytes() > KEPT_BYTES[_backend()]:
             self._volumes.popitem(last=False)
         return self._volumes[key]
+
+    def _kept_bytes(self) -> int:
+        """Return the memory of the volumes that are kept."""
+        return sum(VOXEL_BYTES * volume.layout.voxel_count for _, volume in self._volumes.values())
 
 
 def tangents_of(config: RenderConfig, parameter: Parameter) -> dict[str, Array]:
@@ -240,6 +247,13 @@ def point_config(
     """Return the configuration of an inner point."""
     values = [each.outer(float(x)) for each, x in zip(parameters, point, strict=True)]
     return write_point(config, parameters, values)
+
+
+def _backend() -> str:
+    """Return the back end's name as it begins that of the variant."""
+    variant = mi.variant()
+    assert variant is not None, "a variant is set before anything is rendered"
+    return variant.partition("_")[0]
 
 
 def _has_live(config: RenderConfig) -> bool:

@@ -64,10 +64,14 @@ def test_an_unchanged_configuration_is_an_empty_file(tmp_path: Path) -> None:
 def test_a_record_comes_back_to_the_last_bit(
     tmp_path_factory: pytest.TempPathFactory, text: str, numbers: list[float], whole: int, key: str
 ) -> None:
-    record = {"text": text, "numbers": numbers, "table": {key: whole, "inner": {"yes": True}}}
+    record: dict[str, object] = {
+        "text": text,
+        "numbers": numbers,
+        "table": {key: whole, "inner": {"yes": True}},
+    }
     path = write(tmp_path_factory.getbasetemp() / "record.toml", HIGH, record)
     found = read_preset_file(path).record
-    expected = {**record, "table": {"inner": {"yes": True}, key: whole}}
+    expected: dict[str, object] = {**record, "table": {"inner": {"yes": True}, key: whole}}
     if key == "inner":
         expected["table"] = {"inner": whole}
         return

@@ -60,7 +60,7 @@ def test_steps_are_those_of_drjit(variant: str) -> None:
     found = minimise_by_adam(Bowl(centre), np.zeros(3), LOW, HIGH, options)
     from drjit.opt import Adam
 
-    opt = Adam(lr=0.01, beta_1=options.beta_1, beta_2=options.beta_2, epsilon=options.epsilon)  # type: ignore[no-untyped-call]
+    opt = Adam(lr=0.01, beta_1=options.beta_1, beta_2=options.beta_2, epsilon=options.epsilon)
     opt["x"] = mi.Float([0.0, 0.0, 0.0])
     for _ in range(40):
         loss = dr.sum(dr.square(opt["x"] - mi.Float(centre[0].tolist())))

@@ -32,6 +32,13 @@ def test_independent_residuals_give_the_formula_of_the_textbook() -> None:
     assert found.is_identified.all()
 
 
+def stacked(frames: list[Residuals]) -> Residuals:
+    return Residuals(
+        lambda x: np.concatenate([each.residuals(x) for each in frames]),
+        lambda x: np.concatenate([each.jacobian(x) for each in frames]),
+    )
+
+
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     t, truth, noise = np.linspace(0.0, 2.0, 12), np.array([2.5, 1.3]), 0.05
     low, high = np.array([0.1, 0.05]), np.array([10.0, 5.0])
@@ -42,10 +49,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
         for _ in range(6):
             seen = truth[0] * np.exp(-truth[1] * t) + noise * rng.normal(size=len(t))
             frames.append(exponential_fit(t, seen))
-        whole = Residuals(
-            lambda x, frames=frames: np.concatenate([f.residuals(x) for f in frames]),
-            lambda x, frames=frames: np.concatenate([f.jacobian(x) for f in frames]),
-        )
+        whole = stacked(frames)
         point = minimise(whole, np.array([2.0, 1.0]), low, high, StopRule(tolerance=1e-10)).point
         covariance, degrees = gradient_covariance([frame_gradients(frames, point)])
         curvature = frames[0].model(point).curvature
