@@ -62,6 +62,10 @@ STUDIES = {
         "experiments.studies.flicker",
         "Does the light of surfaces hold still while the eye moves?",
     ),
+    "derivatives": StudyEntry(
+        "experiments.studies.derivatives",
+        "Are the picture's derivatives those of differences, and what do they cost?",
+    ),
 }
 """Studies by name."""
 
