@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 METHODS = ("gauss-newton", "adam", "optuna")
 DERIVATIVES = ("forward", "differences")
-DEFAULT_PARAMETERS = ("aperture_scale", "start_offset", "exponent", "pull_back")
+DEFAULT_PARAMETERS = ("aperture_scale", "exponent", "pull_back", "level_bias")
 
 
 def optimize(  # noqa: PLR0913 - the options of a command

@@ -73,6 +73,7 @@ class FrameEvaluator:
         self._ledger = ledger
         self._first_frame = first_frame
         self._tell = tell
+        self._held: dict[tuple[int, int, RenderConfig], tuple[Array, Array]] = {}
 
     @property
     def scene_count(self) -> int:
@@ -108,13 +109,14 @@ class FrameEvaluator:
         names = ",".join(each.name for each in self._parameters)
         number = self._first_frame + frame
         kind = self._source.derivatives
-        parts = ("slopes", kind, names, *self._parts(view, number, config))
+        parts = ("slopes", kind, names, str(self._frame_count), *self._parts(view, number, config))
         row = self._ledger.find(*parts)
         if row is None:
             self._tell(f"{view.name.title}, derivatives")
             picture = self._source.picture(view, number, config)
-            columns, costs = self._source.columns(view, number, config, self._parameters)
-            found = frame_slopes(view.target, picture.image, picture.cost, columns, costs)
+            columns, costs = self._columns(scene, frame, config)
+            other, _ = self._columns(scene, (frame + 1) % self._frame_count, config)
+            found = frame_slopes(view.target, (picture.image, picture.cost), columns, other, costs)
             row = found.to_json()
             self._ledger.add(row, *parts)
         return slopes_from_json(row)
@@ -132,6 +134,19 @@ class FrameEvaluator:
             row = {"value": found.value, "low": found.low, "high": found.high}
             self._ledger.add(row, *parts)
         return metrics.Estimate(**row, level=LEVEL)
+
+    def _columns(self, scene: int, frame: int, config: RenderConfig) -> tuple[Array, Array]:
+        """Return derivatives of a frame, kept while the other frames of its view ask for them."""
+        key = (scene, frame, config)
+        if key not in self._held:
+            # Only the last view at the last point is asked for again.
+            self._held = {
+                known: each for known, each in self._held.items() if known[::2] == key[::2]
+            }
+            self._held[key] = self._source.columns(
+                self._views[scene], self._first_frame + frame, config, self._parameters
+            )
+        return self._held[key]
 
     def _parts(self, view: View, number: int, config: RenderConfig) -> tuple[str, ...]:
         """Return what a frame depends on."""

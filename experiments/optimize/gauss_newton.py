@@ -148,6 +148,6 @@ def compressed_jacobian(model: LocalModel) -> Array:
     last = model.gradient / length if length > 0.0 else np.zeros_like(model.gradient)
     rest = model.curvature - np.outer(last, last)
     values, vectors = np.linalg.eigh(0.5 * (rest + rest.T))
-    # By Cauchy and Schwarz no eigenvalue is below 0 but by rounding.
+    # By Cauchy and Schwarz none is below 0 where H is J^T J; an estimate of H may miss that.
     rows = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
     return np.vstack([rows, last])

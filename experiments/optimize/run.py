@@ -49,7 +49,7 @@ class FitOptions:
     """Whether each training scene is also measured from a turned camera."""
     preset: str = "high"
     """Where the fit starts."""
-    parameters: tuple[str, ...] = ("aperture_scale", "start_offset", "exponent", "pull_back")
+    parameters: tuple[str, ...] = ("aperture_scale", "exponent", "pull_back", "level_bias")
     """What is fitted."""
     method: Method = "gauss-newton"
     """How."""

@@ -64,7 +64,7 @@ def test_limits_are_those_of_the_leak_metric() -> None:
 def linear_slopes(point: Array, columns: Array, truth: Array, batches: Array) -> FrameSlopes:
     image = truth * 0.9 + np.tensordot(point, columns, axes=1)
     costs = np.arange(4.0).reshape(2, 2)
-    return frame_slopes(make_target(batches), image, COST, columns, costs)
+    return frame_slopes(make_target(batches), (image, COST), columns, columns, costs)
 
 
 def test_slopes_are_those_of_differences() -> None:
@@ -101,6 +101,20 @@ def test_the_noise_of_the_reference_in_the_gradient_is_what_is_predicted() -> No
     measured = np.cov(np.stack([each.gradient for each in found]).T)
     predicted = np.mean([each.reference_noise for each in found], axis=0)
     assert np.diag(predicted) == pytest.approx(np.diag(measured), rel=0.25)
+
+
+def test_ripple_that_two_frames_do_not_share_is_no_curvature() -> None:
+    truth, batches = scene(0.0, 11)
+    target, rng = make_target(batches), np.random.default_rng(12)
+    trend = np.ones((1, *SHAPE))
+    both = frame_slopes(target, (truth, COST), trend, trend, np.zeros((2, 1))).normal[0, 0]
+    found = []
+    for _ in range(400):
+        one, other = (trend + 2.0 * rng.normal(size=trend.shape) for _ in range(2))
+        found.append(frame_slopes(target, (truth, COST), one, other, np.zeros((2, 1))).normal[0, 0])
+    spread = float(np.std(found)) / np.sqrt(len(found))
+    assert np.mean(found) == pytest.approx(both, abs=4.0 * spread)
+    assert spread < 0.1 * both
 
 
 def test_json_holds_slopes_to_the_last_bit() -> None:
