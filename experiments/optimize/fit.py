@@ -139,7 +139,7 @@ class Fit:
             push, slope = _pushed(limit, slopes[limit.scene])
             value += push**2
             gradient += 2.0 * push * slope
-            curvature += 2.0 * np.outer(slope, slope) * (push > 0.0)
+            curvature += 2.0 * np.outer(slope, slope)
         return LocalModel(value=value, gradient=gradient, curvature=curvature)
 
     def group_gradient(self, point: Array, group: int) -> Array:
@@ -184,10 +184,10 @@ class Fit:
 
 
 def _pushed(limit: Limit, frames: Sequence[FrameSlopes]) -> tuple[float, Array]:
-    """Return a limit's residual and its derivatives, 0 where it does not push."""
-    push = limit.push(limit.mean([each.values for each in frames]))
+    """Return a limit's residual and its derivatives, 0 where it is not active."""
+    mean = limit.mean([each.values for each in frames])
     slope = np.mean([each.limited[limit.name] for each in frames], axis=0)
-    return push, limit.push_slope * slope * (push > 0.0)
+    return limit.push(mean), limit.push_slope * slope * limit.is_active(mean)
 
 
 def _mean_error(frames: Sequence[FrameValues]) -> float:

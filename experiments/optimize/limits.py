@@ -1,8 +1,8 @@
 """What must not get worse while an error falls: leaking, over-occlusion and cost.
 
-Each limit begins to push half-way through what it allows, by a penalty that is a square and reaches
-1, the objective's value at the start, where it ends. Past that end a point is refused. So a fit can
-slide along a limit, and no result ever lies beyond one.
+Each limit pushes from the start on, by a penalty that is a square and reaches 1, the objective's
+value at the start, where what it allows ends. Past that end a point is refused. So a fit slides
+along a limit, and no result ever lies beyond one.
 """
 
 from __future__ import annotations
@@ -26,6 +26,10 @@ LEAST_SHARE = 0.02
 
 COST_SHARE = 0.02
 """How much more than the start equal cost may read, as a share."""
+
+
+ROUNDING = 1e-9
+"""Relative rounding of a mean."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,15 +64,18 @@ class Limit:
     def push(self, value: float) -> float:
         """Return the residual whose square is the penalty.
 
-        It is 0 up to half of the allowance, and 1 at its end.
+        It is 0 up to the start, and 1 at the end of the allowance.
         """
-        half = 0.5 * self.allowance
-        return max(0.0, (value - self.start - half) / half)
+        return max(0.0, (value - self.start) / self.allowance)
+
+    def is_active(self, value: float) -> bool:
+        """Whether a step may meet the limit: its curvature counts from the start itself on."""
+        return value >= self.start * (1.0 - ROUNDING)
 
     @property
     def push_slope(self) -> float:
         """Derivative of `push` where it is above 0."""
-        return 2.0 / self.allowance
+        return 1.0 / self.allowance
 
 
 def leak_limits(scene: int, frames: Sequence[FrameValues]) -> list[Limit]:

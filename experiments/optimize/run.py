@@ -247,10 +247,15 @@ def view_names(options: FitOptions) -> tuple[list[ViewName], list[ViewName]]:
     return training, held_out
 
 
+MOST_NOISE = 4.0
+"""Largest noise of a reference over the error at the start, both relative and squared. Noise is
+taken out of the error, but not what is uncertain of the noise."""
+
+
 def _require_errors(fit: Fit, views: Sequence[View]) -> None:
     """Refuse a scene whose error at the start is lost in the noise of its reference."""
     for view, error in zip(views, fit.start_errors, strict=True):
-        if error <= LEAST_ERROR:
+        if error <= max(LEAST_ERROR, view.noise / MOST_NOISE):
             raise InputError(
                 what="the error at the start is lost in the noise of the reference",
                 where=view.name.title,

@@ -17,6 +17,10 @@ LIMIT_TITLES = {
 }
 
 
+HOLDING_PUSH = 0.02
+"""Share of what a limit allows from which on it is worth a line."""
+
+
 def summary_lines(result: FitResult, output: Path) -> list[str]:
     """Return the tables and the verdicts of a fit as lines."""
     lines = _table(
@@ -98,7 +102,7 @@ def _limit_lines(result: FitResult) -> list[str]:
     """Return a line for each limit that holds the fit back."""
     lines = []
     for limit, end in result.limits:
-        if limit.push(end) > 0.0:
+        if limit.push(end) > HOLDING_PUSH:
             lines.append(
                 f"held back by {LIMIT_TITLES[limit.name]} in "
                 f"{result.training[limit.scene].title}: {limit.start:.4g} -> {end:.4g}, allowed "

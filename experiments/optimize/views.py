@@ -9,6 +9,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
+import metrics
 import reference
 from experiments.errors import InputError
 from experiments.optimize.target import Target, make_target
@@ -72,6 +73,8 @@ class View:
         Reference [batch, y, x, rgb].
     target
         The error of a picture.
+    noise
+        Relative squared error of the reference itself.
     """
 
     name: ViewName
@@ -79,6 +82,7 @@ class View:
     key: str
     batches: np.ndarray
     target: Target
+    noise: float
 
 
 def load_view(name: ViewName, options: ViewOptions) -> LoadedScene:
@@ -130,7 +134,10 @@ def make_view(
             where=name.title,
             remedy="leave it out, or give more --spp",
         ) from error
-    return View(name=name, options=options, key=truth.key, batches=batches, target=target)
+    noise = metrics.reference_noise_relmse(batches).value
+    return View(
+        name=name, options=options, key=truth.key, batches=batches, target=target, noise=noise
+    )
 
 
 def move_scene(scene: mi.Scene, offset: np.ndarray, title: str) -> None:

@@ -24,7 +24,7 @@ from vctgi.preset_file import read_preset_file
 
 SMALL = [
     *("optimize", "cornell_box", "--preset", "medium", "--derivatives", "differences"),
-    *("--resolution", "16", "--clipmap-resolution", "16", "--spp", "128", "--frames", "2"),
+    *("--resolution", "16", "--clipmap-resolution", "16", "--spp", "1024", "--frames", "2"),
     *("--parameters", "exponent,start_offset", "--iterations", "3"),
 ]
 
@@ -156,7 +156,7 @@ def test_a_reference_that_hides_the_error_is_refused(
     variant: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert (
-        run_small(tmp_path, ["16" if word == "128" else word for word in SMALL]) == EXIT_BAD_INPUT
+        run_small(tmp_path, ["8" if word == "1024" else word for word in SMALL]) == EXIT_BAD_INPUT
     )
     assert "give more --spp" in capsys.readouterr().err
 
