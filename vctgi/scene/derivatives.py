@@ -58,7 +58,7 @@ def check_derivatives(scene: mi.Scene, cut: tuple[str, ...] = ()) -> None:
             raise SceneError(
                 "no derivative",
                 f"the parameter '{name}'",
-                "detach it: shapes, places and directions fill voxels in jumps; masks, media, light "
+                "detach it: shapes, places and directions fill voxels in jumps; masks, light "
                 "that voxels emit by themselves and a sky that cones see are not differentiated",
             )
 

@@ -50,13 +50,18 @@ SCENE_NAMES = {
 QUICK = ("aperture_scale", "opacity_exponent", "radiance of the lamp")
 """Those of the quick version."""
 
+ENDS = (1e-4, 0.05)
+"""Transmittances below which cones end: that of the presets, and one that saves steps."""
+
 FINE, COARSE = 1e-4, 1e-2
 """Relative steps of the differences."""
 
 LIMITS = {FINE: 0.05, COARSE: 0.15}
 """How far a derivative may be off, relative to the differences of these steps."""
 
-SCENE = "Cornell box with a rough metal ball, 48 x 48 pixels, one ray each"
+SCENE = (
+    "Cornell box with a rough metal ball, 48 x 48 pixels, four rays each, in the quick version one"
+)
 
 
 def checks() -> list[Check]:
@@ -89,7 +94,34 @@ def checks() -> list[Check]:
         )
         for mode in MODES
     ]
+    found += [
+        Check(
+            name=f"bias where cones end at transmittance {least:g}: aperture_scale",
+            configuration=f"reverse mode, off differences of step {COARSE:g}; a known bias",
+            scene=SCENE,
+            measure=partial(_bias_of_ending, least=least),
+            goal=0.0,
+            in_quick=False,
+        )
+        for least in ENDS
+    ]
     return found + cost.checks(SCENE)
+
+
+def _bias_of_ending(context: StudyContext, least: float) -> Measured:
+    """Cones that end early do so at another step when they are wider: a jump without derivative."""
+    room = derivative_room(context)
+    diffuse = room.config.diffuse
+    march = replace(diffuse.march, min_transmittance=least)
+    config = replace(room.config, diffuse=replace(diffuse, march=march))
+
+    def picture(values: Any) -> Any:
+        return room.numbers({"aperture_scale": values}, config)
+
+    start = room.cones()["aperture_scale"]
+    found = MODES["reverse"](picture, start)
+    wanted = by_differences(picture, start, COARSE)
+    return Measured(value=disagreement(found, wanted, mean_picture(picture, moved(start, 0.0))))
 
 
 def _picture(room: DerivativeRoom, name: str) -> tuple[Picture, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from experiments.studies.derivatives.room import way_of
 
-Picture = Callable[[Any], mi.Float]
+Picture = Callable[[Any], "mi.Float"]
 
 LEAST_SHARE = 0.02
 """Share of the mean picture below which a derivative counts as so much: 5 % of it are the 0.1 % of

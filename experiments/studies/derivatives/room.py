@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -19,6 +20,9 @@ from vctgi.prepared import PreparedScene
 
 EDGE = 48
 """Pixels along an edge of the picture."""
+
+SAMPLES = (4, 1)
+"""Rays a pixel, in the whole study and in the quick one: kinks of many cones average out."""
 
 START = {"step_ratio": 0.47, "min_step_voxels": 0.27, "start_offset_voxels": 1.03}
 """Values of the march off the preset's, at which steps by its two rules are equally long for many
@@ -61,13 +65,13 @@ class DerivativeRoom:
 
         return picture
 
-    def numbers(self, values: dict[str, mi.Float]) -> mi.Float:
+    def numbers(self, values: dict[str, mi.Float], config: RenderConfig | None = None) -> mi.Float:
         """Return the picture's numbers where some of the cones' parameters have these values."""
         self.restore()
         parameters = self.cones()
         for name, value in values.items():
             parameters[name] = value
-        return _numbers(self.prepared, self.volume, self.config, parameters)
+        return _numbers(self.prepared, self.volume, config or self.config, parameters)
 
     def with_scene(self, name: str, config: RenderConfig) -> Callable[[Any], mi.Float]:
         """Return the picture's numbers as a function of a parameter of the scene."""
@@ -103,17 +107,18 @@ class DerivativeRoom:
 
 def derivative_room(context: StudyContext) -> DerivativeRoom:
     """Return the room, made once."""
-    return context.once("derivatives, room", _make_room)
+    samples = SAMPLES[1] if context.quick else SAMPLES[0]
+    return context.once("derivatives, room", partial(_make_room, samples))
 
 
-def _make_room() -> DerivativeRoom:
+def _make_room(samples: int) -> DerivativeRoom:
     scene = mi.load_dict(_description())
     high = preset("high")
     config = replace(
         high,
         clipmap=ClipmapConfig(resolution=32),
         reconstruction=replace(high.reconstruction, sparsity=1),
-        samples_per_pixel=1,
+        samples_per_pixel=samples,
         diffuse=replace(high.diffuse, cone_count=16, near_field_voxels=0.0),
     )
     prepared = prepare_scene(scene, scene.sensors()[0], config)

@@ -18,7 +18,7 @@ from tests.vctgi.hand_made_volumes import (
 )
 from vctgi.clipmap.gathered import GatheredTexels
 from vctgi.clipmap.levels import lay_out_clipmap
-from vctgi.clipmap.storage import StorageConfig, VoxelVolume, pack_volume
+from vctgi.clipmap.storage import StorageConfig, StorageFormat, VoxelVolume, pack_volume
 from vctgi.maths.stub_gaps import as_component
 from vctgi.stages.cone_tracing.live_march import LiveMarch
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, ConeSample, march_cone
@@ -273,6 +273,15 @@ def test_derivatives_stay_finite(opacity: float) -> None:
             for name, value in values.items():
                 assert np.isfinite(np.array(value.grad)).all(), (name, ratio)
             assert np.isfinite(np.array(words.grad)).all(), ratio
+
+
+@pytest.mark.parametrize("name", ["float16", "rgba8", "rgb10a2", "texture16"])
+def test_voxels_are_not_cut_by_their_format(name: StorageFormat) -> None:
+    alphas, colors = random_values(LAYOUT, 1)
+    emittance = emittance_of(LAYOUT, colors)
+    dr.enable_grad(emittance.levels[0])
+    with pytest.raises(ValueError, match="has no derivatives, and the voxels have"):
+        pack_volume(opacity_of(LAYOUT, alphas), emittance, StorageConfig(format=name))
 
 
 def test_formats_without_derivatives_are_refused() -> None:
