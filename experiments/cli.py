@@ -31,6 +31,7 @@ from experiments.errors import (
     InputError,
     MachineryError,
 )
+from experiments.optimize.command import optimize
 
 if TYPE_CHECKING:
     from experiments.run import RunOptions
@@ -42,6 +43,9 @@ app = App(
     help_flags=["--help", "-h"],
     result_action="return_value",
 )
+
+
+app.command(optimize)
 
 
 @app.command

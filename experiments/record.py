@@ -101,8 +101,7 @@ def keep_record(
 ) -> tuple[Record, Path]:
     """Write the pictures and the record of a run below `output`/records."""
     created = datetime.now(UTC)
-    # A colon, as in "peer:compix", has no place in a file's name.
-    preset = options.preset.replace(":", "-")
+    preset = _file_word(options.preset)
     name = f"{result.loaded.name}-{preset}-{variant.split('_')[0]}"
     record_id = f"{name}-{created:%Y%m%dT%H%M%S}-{secrets.token_hex(2)}"
     records = output / "records"
@@ -286,3 +285,8 @@ def _warnings(result: RunResult) -> list[str]:
     ]
     found += noise_warnings(result.floors, result.measured, result.truth.request.samples_per_pixel)
     return list(dict.fromkeys(found))
+
+
+def _file_word(preset: str) -> str:
+    """Return a preset's name without the colon of "peer:compix" or the path of a preset file."""
+    return (Path(preset).stem if preset.endswith(".toml") else preset).replace(":", "-")

@@ -18,7 +18,7 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
-from vctgi.config import PRESETS, RenderConfig, preset
+from vctgi.config import PRESETS, RenderConfig, preset, shipped_presets
 from vctgi.maths.stub_gaps import as_bits, as_component, as_mask
 from vctgi.parameters import ConeParameters
 from vctgi.pipeline import (
@@ -239,4 +239,4 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
 
 def known_presets() -> list[str]:
     """Names that the property `preset` takes."""
-    return list(PRESETS)
+    return [*PRESETS, *shipped_presets()]
