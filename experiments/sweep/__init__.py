@@ -1,0 +1,1 @@
+"""Sweeps: many runs from one file, each in a process of its own, that survive every kill."""
