@@ -15,7 +15,7 @@ FULL: Final = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 """No space, no quota, or a limit on the size of files."""
 
 EXIT_DISK_FULL: Final = 74
-"""Exit code of a job's process that met a full disk, EX_IOERR of sysexits.h; only a sweep sees it."""
+"""Exit code of a job's process that met a full disk, EX_IOERR of sysexits.h; only sweeps see it."""
 
 LEAST_ROOM: Final = 32 * 2**20
 """Bytes that a failed job's disk must still hold for the failure to be the job's own: libraries
@@ -47,6 +47,18 @@ def is_disk_full(error: BaseException) -> bool:
             return True
     cause = error.__cause__ or error.__context__
     return cause is not None and is_disk_full(cause)
+
+
+def blames_disk(error: BaseException, folder: Path) -> bool:
+    """Whether an error comes of a full disk.
+
+    SQLite calls some of the reasons, such as a quota, only an input or output error; then it is
+    tried whether the folder takes more.
+    """
+    if is_disk_full(error):
+        return True
+    code = getattr(error, "sqlite_errorcode", 0) if isinstance(error, sqlite3.Error) else 0
+    return code & 0xFF == sqlite3.SQLITE_IOERR and not has_room(folder)
 
 
 def has_room(folder: Path, size: int = LEAST_ROOM) -> bool:

@@ -119,12 +119,12 @@ class SweepLedger:
         self._base.execute("BEGIN IMMEDIATE")
         try:
             yield
+            self._base.execute("COMMIT")
         except BaseException:
-            # SQLite has rolled back by itself where the disk is full
+            # SQLite may have rolled back by itself, as where the disk is full
             if self._base.in_transaction:
                 self._base.execute("ROLLBACK")
             raise
-        self._base.execute("COMMIT")
 
     def want(self, jobs: Mapping[str, tuple[str, Mapping[str, Any]]]) -> None:
         """Say which jobs this sweep is about: label and parameters by key, in order."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, TypeVar, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
@@ -30,35 +30,62 @@ def changed_config(base: Config, values: Mapping[str, Any]) -> Config:
     InputError
         No such field, a value of another type, or one that the configuration refuses.
     """
+    tree: dict[str, Any] = {}
     for name, value in values.items():
-        base = _changed(base, name.split("."), value, name)
-    return base
+        *outer, last = name.split(".")
+        inner = tree
+        for word in outer:
+            inner = inner.setdefault(word, {})
+            if not isinstance(inner, dict):
+                raise _no_single_value(name)
+        if last in inner:
+            raise _no_single_value(name)
+        inner[last] = _Value(value)
+    return _changed(base, tree, "")
 
 
-def _changed(base: Config, path: list[str], value: Any, name: str) -> Config:
-    """Return `base` with one field changed, which may lie deeper."""
+@dataclass(frozen=True)
+class _Value:
+    """A leaf of the tree of changes, so that no value is taken for a branch."""
+
+    given: Any
+
+
+def _changed(base: Config, tree: Mapping[str, Any], before: str) -> Config:
+    """Return `base` with some fields changed at once: its checks may look at several."""
     known = [each.name for each in fields(base)]  # type: ignore[arg-type]
-    if path[0] not in known:
-        raise InputError(
-            what=f"a configuration has no field '{name}'",
-            where="parameters",
-            remedy=f"at '{path[0]}', use one of {', '.join(known)}",
-        )
-    held = getattr(base, path[0])
-    if len(path) > 1 and is_dataclass(held) and not isinstance(held, type):
-        changed: Any = _changed(held, path[1:], value, name)
-    elif len(path) == 1 and not is_dataclass(held):
-        changed = _checked(value, get_type_hints(type(base))[path[0]], name)
-    else:
-        raise InputError(
-            what=f"'{name}' does not name a single value",
-            where="parameters",
-            remedy=f"name a field of '{path[0]}'" if len(path) == 1 else f"stop at '{path[0]}'",
-        )
+    changes: dict[str, Any] = {}
+    for word, change in tree.items():
+        name = f"{before}{word}"
+        if word not in known:
+            raise InputError(
+                what=f"a configuration has no field '{name}'",
+                where="parameters",
+                remedy=f"use one of {', '.join(before + each for each in known)}",
+            )
+        held = getattr(base, word)
+        if is_dataclass(held) == isinstance(change, _Value):
+            raise _no_single_value(name)
+        if isinstance(change, _Value):
+            changes[word] = _checked(change.given, get_type_hints(type(base))[word], name)
+        else:
+            changes[word] = _changed(held, change, f"{name}.")
     try:
-        return replace(base, **{path[0]: changed})  # type: ignore[type-var]
+        return replace(base, **changes)  # type: ignore[type-var]
     except ValueError as error:
-        raise InputError(str(error).rstrip("."), f"{name} = {value!r}", "change it") from error
+        raise InputError(
+            what=str(error).rstrip("."),
+            where=", ".join(f"{before}{word}" for word in changes),
+            remedy="give other values",
+        ) from error
+
+
+def _no_single_value(name: str) -> InputError:
+    return InputError(
+        what=f"'{name}' does not name one value",
+        where="parameters",
+        remedy="name a field that holds no fields, and each once",
+    )
 
 
 def _checked(value: Any, hint: Any, name: str) -> Any:

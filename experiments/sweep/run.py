@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from experiments.sweep.attempt import Outcome, Ticket
-from experiments.sweep.disk import DiskFullError, is_disk_full
+from experiments.sweep.disk import DiskFullError, blames_disk
 from experiments.sweep.folder import SweepFolder
 from experiments.sweep.lanes import Lanes
 from experiments.sweep.ledger import Claim, Failure, SweepLedger
@@ -98,9 +98,9 @@ def run_sweep(
                 sweep = _Sweep(folder, work, lanes, options, tell, ledger)
                 return sweep.run()
     except Exception as error:
-        if is_disk_full(error) and not isinstance(error, DiskFullError):
-            raise DiskFullError(folder.root) from error
-        raise
+        if isinstance(error, DiskFullError) or not blames_disk(error, folder.root):
+            raise
+        raise DiskFullError(folder.root) from error
 
 
 @contextlib.contextmanager
