@@ -8,12 +8,13 @@ import resource
 import sqlite3
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from experiments.errors import MachineryError
-from experiments.sweep import disk, folder as folder_module
+from experiments.sweep import disk
 from experiments.sweep.disk import DiskFullError, has_room, is_disk_full
 from experiments.sweep.folder import SweepFolder
 from experiments.sweep.ledger import SweepLedger
@@ -62,7 +63,7 @@ def test_a_ledger_that_is_full_rolls_back(tmp_path: Path) -> None:
 def test_a_full_disk_is_no_fault_of_the_job(tmp_path: Path) -> None:
     folder = tmp_path / "sweep"
     full = f"raise SystemExit({disk.EXIT_DISK_FULL})"
-    with pytest.raises(DiskFullError, match="the disk is full.*make room"):
+    with pytest.raises(DiskFullError, match=r"the disk is full.*make room"):
         sweep_here(folder, python_work(full), retries=0)
     ledger = SweepLedger(SweepFolder(folder).ledger, "me")
     ledger.want({"ab" * 32: ("odd", {})})
@@ -79,9 +80,10 @@ def test_a_disk_that_fills_while_publishing_stops_and_goes_on(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    with monkeypatch.context() as patch, pytest.raises(DiskFullError):
-        patch.setattr(folder_module.os, "link", full)
-        sweep_here(folder, work)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "link", full)
+        with pytest.raises(DiskFullError):
+            sweep_here(folder, work)
     assert not list(SweepFolder(folder).records.glob("*.json"))
     assert ledger_is_sound(SweepFolder(folder).ledger)
     sweep_here(folder, work)
@@ -127,3 +129,43 @@ def test_room_is_tried(tmp_path: Path) -> None:
         assert not has_room(tmp_path, 2 << 20)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """Yield a file system of 600 KiB, where the machine lets us mount one."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    words = ["mount", "-t", "tmpfs", "-o", "size=600k", "none", str(place)]
+    try:
+        mounted = subprocess.run(words, capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        pytest.skip("there is no command mount")
+    if mounted.returncode != 0:
+        pytest.skip(f"no tmpfs can be mounted: {mounted.stderr.strip()}")
+    yield place
+    subprocess.run(["umount", str(place)], check=True)
+
+
+def test_a_file_system_that_fills_stops_the_sweep_and_goes_on_when_grown(
+    small_disk: Path,
+) -> None:
+    folder, count = small_disk / "sweep", 40
+    stopped = subprocess.run(
+        [sys.executable, "-m", "tests.experiments.sweep.tiny_jobs", str(folder), str(count)],
+        cwd=REPOSITORY,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert stopped.returncode == 3, stopped.stderr
+    assert [line for line in stopped.stderr.splitlines() if "the disk is full" in line]
+    assert len(stopped.stderr.splitlines()) == 1, stopped.stderr
+    assert ledger_is_sound(SweepFolder(folder).ledger)
+    assert 0 < len(list(SweepFolder(folder).records.glob("*.json"))) < count
+    words = ["mount", "-o", "remount,size=64m", str(small_disk)]
+    subprocess.run(words, check=True)
+    work = tiny_work(folder, count)
+    sweep_here(folder, work)
+    assert_each_done_once(folder, work)

@@ -59,7 +59,8 @@ def kill_attempts(folder: Path) -> None:
 
 def kill_and_resume(folder: Path, kills: int, seed: int) -> None:
     chance = random.Random(seed)
-    count = 5 * kills
+    work = tiny_work(folder, 5 * kills)
+    count = len(work)
     killed = 0
     while killed < kills:
         process = start_sweep(folder, count)
@@ -72,7 +73,7 @@ def kill_and_resume(folder: Path, kills: int, seed: int) -> None:
             kill_attempts(folder)
         killed += 1
     assert start_sweep(folder, count).wait(60) == 0
-    assert_each_done_once(folder, tiny_work(folder, count))
+    assert_each_done_once(folder, work)
 
 
 def test_five_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Jobs of 50 ms that leave true records, so that sweeps can be killed many times in a few seconds."""
+"""Jobs of 50 ms that leave true records, so that sweeps can be killed many times quickly."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from experiments.sweep.ledger import SweepLedger
 from experiments.sweep.run import SweepEnd, SweepOptions, run_sweep
 from experiments.sweep.work import Work
 from reports.record import read_records
-from tests.reports.conftest import record_with
 
 PICTURE = b"stands for a picture: only its checksum is looked at"
 
@@ -44,7 +43,7 @@ COMMAND = ("{python}", "-I", "-S", "-c", SCRIPT, "{job}", "{output}")
 
 def tiny_work(folder: Path, count: int, seconds: float = 0.05) -> dict[str, Work]:
     """Return jobs by key; each adds a line to the diary beside the folder when it is done."""
-    record = record_with({}).model_dump(mode="json")
+    record = json.loads(_record_text(folder))
     return {
         f"{number:064x}"[::-1]: Work(
             label=f"tiny {number}",
@@ -62,6 +61,16 @@ def tiny_work(folder: Path, count: int, seconds: float = 0.05) -> dict[str, Work
         )
         for number in range(count)
     }
+
+
+def _record_text(folder: Path) -> str:
+    """Return a record as JSON, kept beside the folder: what makes it takes long to import."""
+    path = folder.with_name(folder.name + ".record")
+    if not path.exists():
+        from tests.reports.conftest import record_with
+
+        path.write_text(record_with({}).model_dump_json())
+    return path.read_text()
 
 
 def python_work(code: str, label: str = "odd") -> dict[str, Work]:
