@@ -18,6 +18,7 @@ from experiments.errors import EXIT_BAD_INPUT
 from experiments.sweep.disk import EXIT_DISK_FULL, has_room, is_disk_full
 from experiments.sweep.folder import SweepFolder
 from experiments.sweep.locks import held
+from experiments.sweep.same_code import same_code_environment
 
 OutcomeKind = Literal["finished", "failed", "refused", "busy", "disk full", "stopped"]
 
@@ -110,7 +111,7 @@ def _run(
             stdin=subprocess.DEVNULL,
             stdout=stream,
             stderr=subprocess.STDOUT,
-            env={**os.environ, **ticket.environment},
+            env={**same_code_environment(), **ticket.environment},
             start_new_session=True,
             pass_fds=(lock,),
         )

@@ -19,7 +19,7 @@ from experiments.sweep.specification import SweepSpec, load_sweep, parse_set
 if TYPE_CHECKING:
     from experiments.sweep.jobs import Job
     from experiments.sweep.lanes import Lanes
-    from experiments.sweep.run import SweepEnd, SweepOptions
+    from experiments.sweep.run import Settled, SweepEnd, SweepOptions
 
 SHORTEST_TIMEOUT = 1.0
 """Seconds."""
@@ -190,7 +190,7 @@ def _run(jobs: dict[str, Job], output: Path, wanted: _Lanes, options: SweepOptio
     from experiments.session import writable_folder
     from experiments.sweep.folder import SweepFolder
     from experiments.sweep.render_work import render_work
-    from experiments.sweep.run import Settled, run_sweep
+    from experiments.sweep.run import run_sweep
 
     threads = wanted.threads()
     work = {key: render_work(job, options.timeout, threads) for key, job in jobs.items()}
@@ -204,20 +204,24 @@ def _run(jobs: dict[str, Job], output: Path, wanted: _Lanes, options: SweepOptio
 
         def tell(settled: Settled) -> None:
             nonlocal rendered
-            outcome = settled.outcome
-            rendered += outcome.kind == "finished"
+            rendered += settled.outcome.kind == "finished" and settled.outcome.seconds > 0.0
             left = settled.total - settled.done
             pace = (time.monotonic() - began) / max(1, rendered)
-            ahead = f", about {time_text(pace * left)} left" if rendered and left else ""
-            words = f"{outcome.seconds:.0f} s" if outcome.kind == "finished" else outcome.line
-            tag = "" if settled.state == "done" else f" {settled.state} after attempt"
-            tag += "" if settled.state == "done" else f" {settled.claim.attempt}"
-            progress.say(
-                f"[{settled.done}/{settled.total}] {settled.claim.label}:{tag} {words}{ahead}"
-            )
+            ahead = f"; about {time_text(pace * left)} left" if rendered and left else ""
+            words = _told(settled)
+            progress.say(f"[{settled.done}/{settled.total}] {settled.claim.label}: {words}{ahead}")
             progress("jobs", settled.done / settled.total)
 
         return run_sweep(folder, work, lanes, options, tell)
+
+
+def _told(settled: Settled) -> str:
+    """Say how an attempt ended."""
+    if settled.outcome.kind == "finished":
+        seconds = settled.outcome.seconds
+        return f"{seconds:.0f} s" if seconds > 0.0 else "taken up, finished before"
+    fate = "set aside" if settled.state == "set aside" else "will be tried again"
+    return f"{fate} after attempt {settled.claim.attempt}: {settled.outcome.line}"
 
 
 @contextlib.contextmanager

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 
 from experiments.errors import EXIT_DONE, InputError, MachineryError
+from experiments.sweep.same_code import same_code_environment
 
 LOAD_SECONDS = 600.0
 """Large scenes take a minute each to load."""
@@ -31,7 +32,12 @@ def scene_digests(
         words += ["--resolution", str(resolution)]
     try:
         done = subprocess.run(
-            words, capture_output=True, text=True, timeout=LOAD_SECONDS, check=False
+            words,
+            capture_output=True,
+            text=True,
+            timeout=LOAD_SECONDS,
+            check=False,
+            env=same_code_environment(),
         )
     except subprocess.TimeoutExpired as error:
         raise MachineryError(
