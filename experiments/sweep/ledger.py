@@ -35,7 +35,7 @@ CREATE TABLE IF NOT EXISTS jobs (
     lease TEXT,                         -- the sweep that runs it
     host TEXT,
     pid INTEGER,                        -- of that sweep
-    seconds REAL,                       -- of the attempt that finished it
+    seconds REAL,                       -- of the attempt that finished it, where known
     record TEXT,                        -- relative to the sweep's folder
     error TEXT                          -- last line of the last attempt that failed
 ) STRICT
@@ -89,6 +89,8 @@ class SweepLedger:
     def _open(self, path: Path) -> None:
         try:
             self._base.execute("PRAGMA journal_mode = WAL")
+            # A change that a power cut takes back is found again by its record
+            self._base.execute("PRAGMA synchronous = NORMAL")
             self._base.execute("PRAGMA temp_store = MEMORY")
             self._base.execute("CREATE TEMP TABLE wanted (key TEXT PRIMARY KEY, number INTEGER)")
             with self._transaction():
@@ -156,8 +158,8 @@ class SweepLedger:
             )
         return Claim(key=key, label=label, attempt=attempt + 1, failures=failures)
 
-    def finish(self, key: str, record: str, seconds: float) -> None:
-        """Close a job of ours: its record is among the others."""
+    def finish(self, key: str, record: str, seconds: float | None) -> None:
+        """Close a job of ours: its record is among the others; None if its time is not known."""
         self._settle(
             key, "state = 'done', record = ?, seconds = ?, error = NULL", (record, seconds)
         )
@@ -174,9 +176,10 @@ class SweepLedger:
         state: State = row[0]
         return state
 
-    def give_back(self, key: str, not_before: float) -> None:
+    def give_back(self, key: str, not_before: float, *, is_started: bool = True) -> None:
         """Let a job of ours wait, without a charge."""
-        self._settle(key, "state = 'waiting', not_before = ?", (not_before,))
+        change = "state = 'waiting', not_before = ?, attempt = attempt - ?"
+        self._settle(key, change, (not_before, 0 if is_started else 1))
 
     def _settle(self, key: str, change: str, values: tuple[object, ...]) -> None:
         with self._transaction():

@@ -161,7 +161,7 @@ class _Sweep:
 
     def _loop(self) -> None:
         while True:
-            self._ledger.release(lambda owner: is_held(self._folder.owner_lock(owner)))
+            self._ledger.release(self._is_alive)
             while self._lanes.has_room:
                 claim = self._ledger.claim(time.time())
                 if claim is None:
@@ -172,6 +172,14 @@ class _Sweep:
                 return
             for ended in self._lanes.wait(WAIT_SECONDS):
                 self._settle(*ended)
+
+    def _is_alive(self, owner: str) -> bool:
+        """Whether a sweep that has taken jobs lives; the lock file of a dead one is removed."""
+        lock = self._folder.owner_lock(owner)
+        if is_held(lock):
+            return True
+        lock.unlink(missing_ok=True)
+        return False
 
     def _start(self, claim: Claim) -> None:
         self._claims[claim.key] = claim
@@ -199,7 +207,8 @@ class _Sweep:
         key, now = ticket.key, time.time()
         state = "done"
         if outcome.kind in ("busy", "stopped"):
-            self._ledger.give_back(key, now + 2.0 * WAIT_SECONDS)
+            is_started = outcome.kind == "stopped"
+            self._ledger.give_back(key, now + 2.0 * WAIT_SECONDS, is_started=is_started)
             state = "waiting"
         elif outcome.kind != "finished":
             most = 1 if outcome.kind == "refused" else self._options.retries + 1
@@ -223,7 +232,9 @@ class _Sweep:
         except ValueError as error:
             self._folder.clear_attempts(ticket.key)
             return Outcome(kind="failed", line=" ".join(str(error).split()))
-        self._ledger.finish(ticket.key, str(record.relative_to(self._folder.root)), outcome.seconds)
+        self._ledger.finish(
+            ticket.key, str(record.relative_to(self._folder.root)), outcome.seconds or None
+        )
         return outcome
 
     def _stop(self) -> None:

@@ -101,8 +101,9 @@ runpy.run_module("tests.experiments.sweep.tiny_jobs", run_name="__main__", alter
 @pytest.mark.parametrize("kib", [2, 8, 40, 90])
 def test_no_file_larger_than_a_limit_at_any_step(tmp_path: Path, kib: int) -> None:
     # The limit stands for a full disk: it also hits SQLite, its log, and the jobs' own files
-    folder, count = tmp_path / "sweep", 40
+    folder, count = tmp_path / "sweep", 20
     folder.mkdir()
+    work = tiny_work(folder, count)
     limited = subprocess.run(
         [sys.executable, "-c", LIMITED, str(1024 * kib), str(folder), str(count)],
         cwd=REPOSITORY,
@@ -116,7 +117,6 @@ def test_no_file_larger_than_a_limit_at_any_step(tmp_path: Path, kib: int) -> No
     assert "the disk is full" in limited.stderr
     if SweepFolder(folder).ledger.exists():
         assert ledger_is_sound(SweepFolder(folder).ledger)
-    work = tiny_work(folder, count)
     sweep_here(folder, work, workers=4)
     assert_each_done_once(folder, work)
 
@@ -151,6 +151,7 @@ def test_a_file_system_that_fills_stops_the_sweep_and_goes_on_when_grown(
     small_disk: Path,
 ) -> None:
     folder, count = small_disk / "sweep", 40
+    work = tiny_work(folder, count)
     stopped = subprocess.run(
         [sys.executable, "-m", "tests.experiments.sweep.tiny_jobs", str(folder), str(count)],
         cwd=REPOSITORY,
@@ -166,6 +167,5 @@ def test_a_file_system_that_fills_stops_the_sweep_and_goes_on_when_grown(
     assert 0 < len(list(SweepFolder(folder).records.glob("*.json"))) < count
     words = ["mount", "-o", "remount,size=64m", str(small_disk)]
     subprocess.run(words, check=True)
-    work = tiny_work(folder, count)
     sweep_here(folder, work)
     assert_each_done_once(folder, work)

@@ -25,8 +25,8 @@ REPOSITORY = Path(__file__).parents[3]
 START_SECONDS = 20.0
 """A busy machine may take so long to import the sweep."""
 
-LONGEST_LIFE = 0.35
-"""Seconds from the ledger's change to the kill: some six tiny jobs, so every step is hit."""
+LONGEST_LIFE = 0.25
+"""Seconds from the ledger's change to the kill: some four tiny jobs, so every step is hit."""
 
 
 def start_sweep(folder: Path, count: int) -> subprocess.Popen[bytes]:
@@ -59,7 +59,7 @@ def kill_attempts(folder: Path) -> None:
 
 def kill_and_resume(folder: Path, kills: int, seed: int) -> None:
     chance = random.Random(seed)
-    work = tiny_work(folder, 5 * kills)
+    work = tiny_work(folder, 4 * kills)
     count = len(work)
     killed = 0
     while killed < kills:
@@ -95,9 +95,10 @@ def test_a_sweep_told_to_go_on_does_nothing_where_all_is_done(tmp_path: Path) ->
 
 def test_two_sweeps_on_one_folder_share_the_jobs(tmp_path: Path) -> None:
     folder, count = tmp_path / "sweep", 30
+    work = tiny_work(folder, count)
     both = [start_sweep(folder, count) for _ in range(2)]
     assert [process.wait(60) for process in both] == [0, 0]
-    assert_each_done_once(folder, tiny_work(folder, count))
+    assert_each_done_once(folder, work)
     assert len(diary(folder).read_text().split()) == count
 
 
