@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -37,17 +38,48 @@ def start_sweep(folder: Path, count: int) -> subprocess.Popen[bytes]:
     )
 
 
-def wait_for_life(folder: Path, process: subprocess.Popen[bytes]) -> None:
-    """Wait until the sweep has opened its ledger, or ended."""
-    deadline = time.monotonic() + START_SECONDS
-    while process.poll() is None and time.monotonic() < deadline:
-        if list((folder / "sweeps").glob(f"*-{process.pid}-*.lock")):
-            return
-        time.sleep(0.005)
+class Nursery:
+    """A process that starts sweeps quickly, one after the other."""
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "tests.experiments.sweep.tiny_jobs"],
+            cwd=REPOSITORY,
+            env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def start(self, folder: Path, count: int) -> int:
+        """Return the number of the process, once it has taken its place in the folder."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{count} {folder}\n")
+        self._process.stdin.flush()
+        pid = self.answer()
+        deadline = time.monotonic() + START_SECONDS
+        while not list((folder / "sweeps").glob(f"*-{pid}-*.lock")):
+            assert time.monotonic() < deadline
+            time.sleep(0.002)
+        return pid
+
+    def answer(self) -> int:
+        assert self._process.stdout is not None
+        return int(self._process.stdout.readline())
+
+    def close(self) -> None:
+        self._process.communicate()
+
+
+@pytest.fixture
+def nursery() -> Iterator[Nursery]:
+    found = Nursery()
+    yield found
+    found.close()
 
 
 def kill_attempts(folder: Path) -> None:
-    """Kill what still holds the lock of a job, as the kernel lists it: orphans of the sweep."""
+    """Kill the attempts that a killed sweep has left running."""
     for process in Path("/proc").glob("[0-9]*"):
         try:
             words = (process / "cmdline").read_bytes().split(b"\0")
@@ -57,32 +89,28 @@ def kill_attempts(folder: Path) -> None:
             os.kill(int(process.name), signal.SIGKILL)
 
 
-def kill_and_resume(folder: Path, kills: int, seed: int) -> None:
+def kill_and_resume(nursery: Nursery, folder: Path, kills: int, seed: int) -> None:
     chance = random.Random(seed)
     work = tiny_work(folder, 4 * kills)
-    count = len(work)
-    killed = 0
-    while killed < kills:
-        process = start_sweep(folder, count)
-        wait_for_life(folder, process)
+    for number in range(kills):
+        pid = nursery.start(folder, len(work))
         time.sleep(chance.uniform(0.0, LONGEST_LIFE))
-        assert process.poll() is None, "give it more jobs: it was done before the last kill"
-        process.kill()
-        assert process.wait() == -signal.SIGKILL
-        if killed % 2:
+        os.kill(pid, signal.SIGKILL)  # fails, as it should, where all jobs were done before
+        assert nursery.answer() == -signal.SIGKILL
+        if number % 2:
             kill_attempts(folder)
-        killed += 1
-    assert start_sweep(folder, count).wait(60) == 0
+    nursery.start(folder, len(work))
+    assert nursery.answer() == 0
     assert_each_done_once(folder, work)
 
 
-def test_five_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
-    kill_and_resume(tmp_path / "sweep", kills=5, seed=8)
+def test_five_kills_lose_nothing_and_repeat_nothing(nursery: Nursery, tmp_path: Path) -> None:
+    kill_and_resume(nursery, tmp_path / "sweep", kills=5, seed=8)
 
 
 @pytest.mark.slow
-def test_fifty_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
-    kill_and_resume(tmp_path / "sweep", kills=50, seed=50)
+def test_fifty_kills_lose_nothing_and_repeat_nothing(nursery: Nursery, tmp_path: Path) -> None:
+    kill_and_resume(nursery, tmp_path / "sweep", kills=50, seed=50)
 
 
 def test_a_sweep_told_to_go_on_does_nothing_where_all_is_done(tmp_path: Path) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import json
+import os
 import sys
 from pathlib import Path
 
@@ -109,19 +109,32 @@ def assert_each_done_once(folder: Path, work: dict[str, Work]) -> None:
     ledger.close()
 
 
-def main() -> int:
-    """Run a sweep of tiny jobs in a process that a test can kill."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("count", type=int)
-    given = parser.parse_args()
+def run_tiny_sweep(folder: Path, count: int) -> int:
+    """Run a sweep of tiny jobs as a command would; return the exit code."""
     try:
-        end = sweep_here(given.folder, tiny_work(given.folder, given.count))
+        end = sweep_here(folder, tiny_work(folder, count))
     except MachineryError as error:
         sys.stderr.write(f"{error}\n")
         return 3
     return 1 if end.set_aside else 0
 
 
+def nursery() -> None:
+    """Run a sweep for each line `count folder`, by a fork: that spares its imports.
+
+    Answers with its process number as it starts and its exit code as it ends.
+    """
+    for line in sys.stdin:
+        count, folder = line.rstrip("\n").split(" ", 1)
+        pid = os.fork()
+        if pid == 0:
+            os._exit(run_tiny_sweep(Path(folder), int(count)))
+        print(pid, flush=True)  # noqa: T201 - the answer
+        _, status = os.waitpid(pid, 0)
+        print(os.waitstatus_to_exitcode(status), flush=True)  # noqa: T201 - the answer
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    if len(sys.argv) > 1:
+        sys.exit(run_tiny_sweep(Path(sys.argv[1]), int(sys.argv[2])))
+    nursery()
