@@ -13,6 +13,9 @@ from cyclopts import Parameter
 from experiments.errors import EXIT_DONE, InputError
 from experiments.sweep.disk import EXIT_DISK_FULL, is_disk_full
 
+LONGEST_ALARM = 10**8
+"""Seconds; three years."""
+
 AFTER_LIMIT = 30
 """Seconds after its time limit at which a job ends itself: its sweep did not, so it is dead."""
 
@@ -25,7 +28,7 @@ def sweep_job(
     threads: int | None = None,
 ) -> int:
     """Render one job of a sweep; only a sweep calls this."""
-    signal.alarm(int(timeout) + AFTER_LIMIT)
+    signal.alarm(int(min(timeout, LONGEST_ALARM)) + AFTER_LIMIT)
     try:
         _render(job_file, output, threads)
     except Exception as error:

@@ -54,6 +54,11 @@ def test_every_combination_is_a_job(tmp_path: Path) -> None:
     assert Job.model_validate_json(job.model_dump_json()) == job
 
 
+def test_the_example_is_sixteen_jobs() -> None:
+    example = Path(__file__).parents[3] / "examples" / "sweep.toml"
+    assert len(jobs_of(load_sweep(example, {}))) == 16
+
+
 def test_options_take_the_place_of_entries(tmp_path: Path) -> None:
     spec = spec_of(tmp_path, seeds=[7], parameters={})
     assert {job.seed for job in jobs_of(spec).values()} == {7}
