@@ -99,7 +99,10 @@ class LocalLanes:
     def stop(self) -> list[Ended]:
         """End all attempts: first asked, then killed."""
         self._stopping.set()
-        found: list[Ended] = []
-        while self._running:
-            found += self.wait(1.0)
-        return found
+        for thread, _ in self._running.values():
+            thread.join()
+        self._running.clear()
+        ended = []
+        while not self._ended.empty():
+            ended.append(self._ended.get())
+        return [(ticket, outcome) for ticket, outcome in ended if isinstance(outcome, Outcome)]
