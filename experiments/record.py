@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import secrets
 from collections import Counter
 from dataclasses import dataclass
@@ -39,6 +40,9 @@ from vctgi.scene.lights import CAVEATS, KNOWN_KINDS, UNCOMPARED
 
 NOTABLE_LOSS = 0.02
 """Share of injected flux whose loss is worth a warning."""
+
+LONGEST_NAME = 160
+"""Characters of a record's id before its time; with that, it stays below the schema's 200."""
 
 METHOD = "voxel cone tracing"
 
@@ -103,7 +107,8 @@ def keep_record(
     created = datetime.now(UTC)
     preset = _file_word(options.preset)
     name = f"{result.loaded.name}-{preset}-{variant.split('_')[0]}"
-    record_id = f"{name}-{created:%Y%m%dT%H%M%S}-{secrets.token_hex(2)}"
+    token = secrets.token_hex(2)
+    record_id = f"{_fit_for_a_file(name)}-{created:%Y%m%dT%H%M%S}-{token}"
     records = output / "records"
     height, width = result.tests["image"].shape[:2]
     record = Record(
@@ -131,6 +136,11 @@ def keep_record(
         warnings=_warnings(result),
     )
     return record, write_record(record, records)
+
+
+def _fit_for_a_file(name: str) -> str:
+    """Return a name as a record's id may hold it: a preset's label may have values in it."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", name)[:LONGEST_NAME]
 
 
 def _scene_info(result: RunResult) -> SceneInfo:

@@ -33,6 +33,8 @@ class RunOptions:
 
     preset: str = "high"
     """Named configuration of the cones."""
+    config: RenderConfig | None = None
+    """A configuration to use instead of the preset's, whose name is then only a label."""
     reference_spp: int = 512
     """Paths a pixel of the reference, over all its batches."""
     batch_count: int = BATCH_COUNT
@@ -89,7 +91,7 @@ def run_scene(
     tuple
         The record and its file.
     """
-    config = vctgi.preset(options.preset)
+    config = vctgi.preset(options.preset) if options.config is None else options.config
     cones = render_cones(loaded, config, options, progress)
     tally = count_samples(cones, config, options) if options.is_counted else None
     truth = reference.render_reference(
