@@ -153,7 +153,7 @@ PRESETS: dict[str, RenderConfig] = {
         _DEFAULT,
         clipmap=ClipmapConfig(resolution=128),
         diffuse=_diffuse(17, -1.0, 3.0, 0.4),
-        reconstruction=ReconstructionConfig(sparsity=9),
+        reconstruction=ReconstructionConfig(sparsity=9, max_contrast=0.7),
     ),
     "ultra": replace(
         _DEFAULT, clipmap=ClipmapConfig(resolution=128), diffuse=_diffuse(64, -1.0, 4.0, 0.4)
