@@ -31,6 +31,10 @@ from experiments.errors import (
     InputError,
     MachineryError,
 )
+from experiments.optimize.command import optimize
+from experiments.sweep.command import sweep
+from experiments.sweep.job_command import sweep_job, sweep_scenes
+from experiments.sweep.results_command import results
 
 if TYPE_CHECKING:
     from experiments.run import RunOptions
@@ -42,6 +46,13 @@ app = App(
     help_flags=["--help", "-h"],
     result_action="return_value",
 )
+app.command(sweep)
+app.command(results)
+app.command(sweep_job, show=False)
+app.command(sweep_scenes, show=False)
+
+
+app.command(optimize)
 
 
 @app.command

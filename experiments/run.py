@@ -12,6 +12,7 @@ import metrics
 import reference
 import vctgi
 from experiments.errors import InputError
+from experiments.noise import noise_floors
 from experiments.record import RunResult, keep_record
 from experiments.scenes import LoadedScene
 from experiments.timing import StageTimer
@@ -32,6 +33,8 @@ class RunOptions:
 
     preset: str = "high"
     """Named configuration of the cones."""
+    config: RenderConfig | None = None
+    """A configuration to use instead of the preset's, whose name is then only a label."""
     reference_spp: int = 512
     """Paths a pixel of the reference, over all its batches."""
     batch_count: int = BATCH_COUNT
@@ -88,7 +91,7 @@ def run_scene(
     tuple
         The record and its file.
     """
-    config = vctgi.preset(options.preset)
+    config = vctgi.preset(options.preset) if options.config is None else options.config
     cones = render_cones(loaded, config, options, progress)
     tally = count_samples(cones, config, options) if options.is_counted else None
     truth = reference.render_reference(
@@ -121,6 +124,7 @@ def run_scene(
         truth=truth,
         tests=tests,
         references={name: values.mean(axis=0) for name, values in batches.items()},
+        floors=noise_floors(batches, options.reference_spp),
         surfaces=surface_images(cones.frame),
         measured=measured,
         times=cones.timer.stage_times(),

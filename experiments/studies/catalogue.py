@@ -71,6 +71,10 @@ STUDIES = {
         "experiments.studies.validation",
         "Do the metrics of artefacts find what is there, and nothing else?",
     ),
+    "derivatives": StudyEntry(
+        "experiments.studies.derivatives",
+        "Are the picture's derivatives those of differences, and what do they cost?",
+    ),
 }
 """Studies by name."""
 

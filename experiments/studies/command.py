@@ -10,7 +10,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import cast
 
-from experiments.errors import EXIT_DONE, EXIT_FAILED, InputError, MachineryError
+from experiments.errors import (
+    EXIT_DONE,
+    EXIT_FAILED,
+    EXIT_MACHINERY,
+    InputError,
+    MachineryError,
+)
 from experiments.machine import BackendName, describe_machine
 from experiments.progress import ProgressReport
 from experiments.session import start_mitsuba, writable_file, writable_folder
@@ -73,7 +79,9 @@ def run_study(
     output: Path | None,
     json_file: Path | None,
 ) -> int:
-    """Run a study and return the exit code: 1 when a row does not pass.
+    """Run a study and return the exit code.
+
+    1 when a row does not pass; else 3 when one was refused, for its reference is too noisy.
 
     Raises
     ------
@@ -123,17 +131,29 @@ def run_study(
             if folder is not None:
                 # A run that is killed leaves its figures to be taken up again.
                 folder.write(run.record(rows))
-    failed = sum(not row.passed for row in rows)
-    stream(_tally(len(rows), failed))
+    stream(_verdict(rows))
     if json_file is not None:
         json_file.write_text(record_text(run.record(rows)), encoding="utf-8")
     if folder is not None:
         stream("\n".join(_pages(folder, is_pdf=options.pdf)))
-    return EXIT_FAILED if failed else EXIT_DONE
+    return _exit_code(rows)
 
 
-def _tally(count: int, failed: int) -> str:
-    return f"{count - failed} of {count} passed" + (f", {failed} FAILED" if failed else "")
+def _verdict(rows: list[StudyRow]) -> str:
+    """Say how many rows passed, failed and were refused."""
+    refused = sum(bool(row.refused) for row in rows)
+    failed = sum(not row.passed for row in rows) - refused
+    return (
+        f"{len(rows) - failed - refused} of {len(rows)} passed"
+        + (f", {failed} FAILED" if failed else "")
+        + (f", {refused} REFUSED" if refused else "")
+    )
+
+
+def _exit_code(rows: list[StudyRow]) -> int:
+    if any(not row.passed and not row.refused for row in rows):
+        return EXIT_FAILED
+    return EXIT_MACHINERY if any(row.refused for row in rows) else EXIT_DONE
 
 
 def _pages(folder: RecordFolder, *, is_pdf: bool) -> list[str]:

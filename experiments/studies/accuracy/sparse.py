@@ -28,9 +28,10 @@ Measure = Callable[..., Measured]
 LIMITS = {1: None, 4: 0.02, 9: 0.03, 16: 0.05}
 """Mean relative difference from dense light that is allowed, by the sparsity."""
 
-LARGEST_REFINED = 0.05
-"""Share of the camera rays that may have to trace for themselves. Sponza needs more for N = 9 and
-16, and says so."""
+LARGEST_REFINED = 0.06
+"""Share of the camera rays that may have to trace for themselves. Sponza at 1024 pixels needs
+0.027, 0.044 and 0.059, 0.01 of it because its light changes (docs/decisions/0016); at fewer
+pixels it needs more, and says so."""
 
 EDGE = (256, 128)
 SCENE_EDGE = (1024, 256)

@@ -16,6 +16,7 @@ from experiments.studies.aliasing.moved_rooms import (
     HOWS,
     LEVELS,
     MOVERS,
+    PATHS,
     PERIODS,
     QUICK_HOWS,
     MovedRoom,
@@ -23,6 +24,7 @@ from experiments.studies.aliasing.moved_rooms import (
     recentred,
 )
 from experiments.studies.check import Check, Measured, StudyContext
+from experiments.studies.noise import require_told_apart
 from metrics.aliasing import (
     pop_share,
     power_ripple,
@@ -70,6 +72,9 @@ MEASURES: dict[str, Measure] = {
 }
 """What is measured of each sweep."""
 
+COMPARED = tuple(name for name in MEASURES if name != "power ripple")
+"""What is measured against a reference."""
+
 NOT_OF_CAMERAS = ("power ripple", "voxel period, RMS", "voxel period, share of energy")
 """Moved windows hold other things each time, so nothing comes back."""
 
@@ -104,7 +109,12 @@ def _check(name: str, mover: str, level: int, how: str) -> Check:
 
 
 def _measure(context: StudyContext, name: str, mover: str, level: int, how: str) -> Measured:
-    found = MEASURES[name](moved_room(context, mover, level), how)
+    room = moved_room(context, mover, level)
+    if name in COMPARED:
+        require_told_apart(
+            room.light[how], room.batches, PATHS[context.quick], "the reference of the receivers"
+        )
+    found = MEASURES[name](room, how)
     return Measured(value=found.value, low=found.low, high=found.high)
 
 

@@ -27,6 +27,7 @@ from experiments.studies.attribution.stages import (
 from experiments.studies.check import StudyContext
 from experiments.studies.light.bounces import small_config
 from experiments.studies.light.emitter_pictures import court
+from experiments.studies.noise import require_told_apart
 from metrics.attribution import Attribution, attribute_error
 from vctgi.config import RenderConfig
 
@@ -119,6 +120,7 @@ def _attribute(context: StudyContext, name: str) -> Ledger:
         progress=lambda share: context.progress(f"path tracing, {name}", share),
     ).batches("indirect_diffuse")
     forward, backward = _both_orders(context, case, effort, name)
+    require_told_apart(forward[0].mean(axis=0), truth, PATH_COUNT, f"the reference of {name}")
     titles = [STAGE_TITLES[stage] for stage in STAGES]
     ledger = Ledger(
         energy=attribute_error("energy", titles, forward, backward, truth),

@@ -17,6 +17,7 @@ from experiments.studies.check import Check, Measured, StudyContext
 from experiments.studies.cornell import PIXEL_PLACE
 from experiments.studies.leaking.audit import PointLight, audit_of, audit_points, reflected_light
 from experiments.studies.leaking.maps import add_audit_maps, add_excess_maps
+from experiments.studies.noise import require_told_apart
 from metrics.leaking import (
     LeakAudit,
     audit_shares,
@@ -40,7 +41,7 @@ SCENES = ("sealed_rooms", "cornell_box", CHOSEN)
 
 EDGE = (64, 32)
 BATCHES = (8, 4)
-PATHS = (1024, 256)
+PATHS = (1024, 1024)
 """Pixels along an edge, batches of probes, and paths a pixel of the reference, in the whole study
 and in the quick one."""
 
@@ -258,6 +259,7 @@ def _excess(context: StudyContext, scene: str, row: str) -> Measured:
             progress=lambda share: context.progress("path tracing", share),
         )
         light, batches = picture.diffuse(), truth.batches("indirect_diffuse")
+        require_told_apart(light, batches, PATHS[context.quick], f"the reference of {scene}")
         add_excess_maps(context.shelf, picture.loaded.title, light, batches)
         return one_sided_excess(light, batches)
 
@@ -274,10 +276,13 @@ def dark_room(audit: LeakAudit) -> np.ndarray:
 
 def _rooms_ratio(context: StudyContext) -> Measured:
     audit = audit_in(context, "sealed_rooms")
+    return rooms_ratio(audit, dark_room(audit))
+
+
+def rooms_ratio(audit: LeakAudit, is_dark: np.ndarray) -> Measured:
+    """Return L1 of a picture of sealed_rooms, given where it shows the dark room."""
     gathered, truth = audit.gathered.mean(axis=0), audit.truth.mean(axis=0)
-    return Measured(
-        value=sealed_room_ratio(gathered[dark_room(audit)], gathered[truth >= DARK_TRUTH])
-    )
+    return Measured(value=sealed_room_ratio(gathered[is_dark], gathered[truth >= DARK_TRUTH]))
 
 
 def _dark_share(context: StudyContext, share: str) -> Measured:

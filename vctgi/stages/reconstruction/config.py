@@ -29,6 +29,10 @@ class ReconstructionConfig:
     """Weight of the neighbours that count over that of all, below which a pixel traces cones of its
     own, [0, 1]."""
 
+    max_contrast: float | None = None
+    """Standard deviation of the neighbours' light over its mean, above which a pixel traces cones
+    of its own, > 0: surfaces do not say where a shadow ends; None: no limit."""
+
     def __post_init__(self) -> None:
         """Refuse patterns that do not exist, and thresholds that let nothing through."""
         if self.sparsity not in EDGES:
@@ -46,6 +50,10 @@ class ReconstructionConfig:
                     f"ReconstructionConfig.{name} must be > 0, got {getattr(self, name)}: "
                     "at 0 no pixel finds a neighbour."
                 )
+        if self.max_contrast is not None and not self.max_contrast > 0.0:
+            raise ValueError(
+                f"ReconstructionConfig.max_contrast must be > 0 or None, got {self.max_contrast}."
+            )
         if not 0.0 <= self.min_support <= 1.0:
             raise ValueError(
                 f"ReconstructionConfig.min_support must be in [0, 1], got {self.min_support}."

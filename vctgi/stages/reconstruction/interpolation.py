@@ -120,9 +120,12 @@ def interpolate(
     [Panteleev2014], slide "Sparse diffuse cone tracing".
     """
     own = _surface_of(gbuffer)
-    light, support = _weigh_neighbours(own, place, traced, config)
+    light, support, contrast = _weigh_neighbours(own, place, traced, config)
+    is_alone = support < config.min_support
+    if config.max_contrast is not None:
+        is_alone |= contrast > config.max_contrast
     dr.eval(light)
-    alone = mi.UInt32(dr.compress(own.is_usable & (support < config.min_support)))
+    alone = mi.UInt32(dr.compress(own.is_usable & is_alone))
     return Interpolated(light, alone)
 
 
@@ -147,14 +150,17 @@ def refine(gbuffer: GBuffer, found: Interpolated, gather: Gather) -> mi.Color3f:
 
 def _weigh_neighbours(
     own: _Surface, place: mi.Point2f, traced: TracedPixels, config: ReconstructionConfig
-) -> tuple[mi.Color3f, mi.Float]:
-    """Weighted mean of the neighbours' light, and the share of their weight that counts."""
+) -> tuple[mi.Color3f, mi.Float, mi.Float]:
+    """Weighted mean of the neighbours' light, the share of their weight that counts, contrast.
+
+    Contrast is the standard deviation of their light over its mean.
+    """
     grid = traced.grid
     pixel = dr.arange(mi.UInt32, grid.width * grid.height)
     bx = mi.Int32(pixel % grid.width) // grid.edge
     by = mi.Int32(pixel // grid.width) // grid.edge
     total = mi.Color3f(0.0)
-    weight_sum, nearness_sum = mi.Float(0.0), mi.Float(0.0)
+    weight_sum, nearness_sum, squares = mi.Float(0.0), mi.Float(0.0), mi.Float(0.0)
     for row in (-1, 0, 1):
         for column in (-1, 0, 1):
             x, y = bx + column, by + row
@@ -168,12 +174,17 @@ def _weigh_neighbours(
             weight = nearness * _likeness(own, other, config)
             light = dr.gather(mi.Color3f, traced.light, block)
             total = dr.fma(as_component(weight), light, total)
+            squares = dr.fma(weight, dr.square(dr.mean(light)), squares)
             weight_sum += weight
             nearness_sum += nearness
     # A pixel's own block is always within reach, so nearness is never 0 all around.
     has_any = weight_sum > 0.0
-    mean = total / as_component(dr.select(has_any, weight_sum, 1.0))
-    return mi.Color3f(mean), weight_sum / nearness_sum
+    weights = dr.select(has_any, weight_sum, 1.0)
+    mean = mi.Color3f(total / as_component(weights))
+    grey = mi.Float(dr.mean(mean))
+    deviation = dr.safe_sqrt(squares / weights - dr.square(grey))
+    contrast = mi.Float(deviation / dr.select(grey > 0.0, grey, 1.0))
+    return mean, weight_sum / nearness_sum, contrast
 
 
 def _nearness(offset: mi.Vector2f, edge: int) -> mi.Float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -98,6 +100,18 @@ def test_grazing_ground_is_one_surface(config: ReconstructionConfig) -> None:
     # Next to the horizon neighbours are many times as far away, and rays are on their own.
     steep = direction[..., 1] > 8.0 * config.edge / SIZE
     assert alone <= np.count_nonzero(is_ground & ~steep)
+
+
+def test_end_of_a_shadow_on_one_surface_is_traced(config: ReconstructionConfig) -> None:
+    light = everywhere(1.0)
+    light[:, SIZE // 2 :] = 0.01
+    picture = picture_of([WALL], everywhere(), light)
+    smeared, none = reconstruct(picture, config)
+    found, alone = reconstruct(picture, replace(config, max_contrast=0.5))
+    assert none == 0
+    # Neighbours of two columns of blocks at most see both sides.
+    assert 0 < alone <= 4 * config.edge * SIZE
+    assert np.abs(found - light).mean() <= 0.5 * np.abs(smeared - light).mean()
 
 
 def test_corner_of_two_walls_stays_sharp(config: ReconstructionConfig) -> None:
