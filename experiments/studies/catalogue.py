@@ -62,6 +62,10 @@ STUDIES = {
         "experiments.studies.flicker",
         "Does the light of surfaces hold still while the eye moves?",
     ),
+    "stability": StudyEntry(
+        "experiments.studies.stability",
+        "Do stiff and extreme scenes and settings still give sound light?",
+    ),
 }
 """Studies by name."""
 
