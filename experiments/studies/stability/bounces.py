@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from functools import partial
 
@@ -11,7 +12,7 @@ import numpy as np
 import vctgi
 from experiments.studies.check import StudyContext
 from experiments.studies.stability.case import EXACT, Limits, Outcome, StabilityCase
-from experiments.studies.stability.rooms import diffuse, render, room, settings, walls
+from experiments.studies.stability.rooms import diffuse, room, settings, walls
 
 COUNT = 24
 """Scatterings from voxel to voxel."""
@@ -79,7 +80,7 @@ def _scattered(_context: StudyContext, albedo: float) -> Outcome:
         pictures=[picture, np.array(fluxes)],
         numbers={
             "growth factor": max(
-                after / before for before, after in zip(fluxes[:-1], fluxes[1:], strict=True)
+                after / before for before, after in itertools.pairwise(fluxes)
             ),
             "light over the closed form": sum(fluxes) / fluxes[0] / series,
         },

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import mitsuba as mi
-import numpy as np
 
 import vctgi
 from experiments.studies.check import StudyContext
@@ -17,7 +17,16 @@ from experiments.studies.stability.case import (
     energy,
     mean_difference,
 )
-from experiments.studies.stability.rooms import ROOM_EDGE, camera, render, room, settings, standard
+from experiments.studies.stability.rooms import (
+    ROOM_EDGE,
+    WINDOW_EDGE,
+    camera,
+    render,
+    room,
+    settings,
+    standard,
+)
+from vctgi.clipmap.levels import COARSEST_MIP_RESOLUTION
 
 SCALES = (1e-4, 1e-2, 1e2, 1e4, 1e6)
 
@@ -90,7 +99,9 @@ def cases() -> list[StabilityCase]:
             expected="sound light",
             why="every wall is a voxel or less from the one across",
             run=lambda _context: Outcome(
-                pictures=[render(_placed(mi.ScalarTransform4f().scale([1.0, 1e-3, 1.0])))]
+                pictures=[
+                    render(_placed(mi.ScalarTransform4f().scale([1.0, 1e-3, 1.0]), 1e-3, 1e3))
+                ]
             ),
         )
     )
@@ -110,8 +121,6 @@ def _scaled(context: StudyContext, scale: float) -> Outcome:
 
 
 def _fitted(context: StudyContext, scale: float) -> Outcome:
-    from dataclasses import replace
-
     given = settings()
     config = replace(given, clipmap=vctgi.preset("medium").clipmap)
     config = replace(config, clipmap=replace(config.clipmap, resolution=32))
@@ -125,7 +134,9 @@ def _fitted(context: StudyContext, scale: float) -> Outcome:
 
 
 def _moved(context: StudyContext, offset: float) -> Outcome:
-    by = offset * ROOM_EDGE
+    # Whole steps of the window, so that the room keeps its place in the lattice.
+    step = WINDOW_EDGE / COARSEST_MIP_RESOLUTION
+    by = step * round(offset * ROOM_EDGE / step)
     outer = mi.ScalarTransform4f().translate([by, -by, by])
     found = render(_placed(outer), settings(centre=(by, -by, by)))
     truth = standard(context)
@@ -139,9 +150,5 @@ def _moved(context: StudyContext, offset: float) -> Outcome:
 
 
 def _mirrored(context: StudyContext, factors: tuple[float, float, float]) -> Outcome:
-    outer = mi.ScalarTransform4f().scale(list(factors))
-    # The camera is not mirrored: it stands where the mirrored one would, and looks the same way.
-    eye, target = (np.array(factors) * np.array(each) for each in ((0.5, 0.2, 0.9), (0, -0.2, 0)))
-    place = mi.ScalarTransform4f().look_at(eye.tolist(), target.tolist(), [0, factors[1], 0])
-    found = render(room(outer, sensor={**camera(), "to_world": place}))
+    found = render(room(mi.ScalarTransform4f().scale(list(factors))))
     return Outcome(pictures=[found], numbers={"energy": energy(found, standard(context))})

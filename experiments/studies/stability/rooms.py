@@ -56,8 +56,13 @@ def settings(scale: float = 1.0, centre: tuple[float, float, float] = (0.0, 0.0,
 
 
 def camera(outer: Any = None, width: int = EDGE, height: int = EDGE, **more: Any) -> Parts:
-    """Return the camera, `outer` after it stands in its corner."""
-    place = mi.ScalarTransform4f().look_at(list(EYE), list(TARGET), [0, 1, 0])
+    """Return the camera in its corner of the room that `outer` moved, scaled or mirrored."""
+    matrix = np.array(_placed(outer).matrix, dtype=np.float64).reshape(4, 4)
+    # A camera may not be scaled itself, so it is placed anew.
+    eye, target = (matrix[:3, :3] @ each + matrix[:3, 3] for each in (EYE, TARGET))
+    up = matrix[:3, :3] @ (0.0, 1.0, 0.0)
+    up /= np.linalg.norm(up)
+    place = mi.ScalarTransform4f().look_at(eye.tolist(), target.tolist(), up.tolist())
     film = {
         "type": "hdrfilm",
         "width": width,
@@ -66,7 +71,7 @@ def camera(outer: Any = None, width: int = EDGE, height: int = EDGE, **more: Any
         "component_format": "float32",
     }
     sensor: Parts = {"type": "perspective", "fov": 80.0}
-    return {**sensor, "to_world": _placed(outer) @ place, "film": film, **more}
+    return {**sensor, "to_world": place, "film": film, **more}
 
 
 def walls(outer: Any = None, **more: Any) -> Parts:
@@ -79,7 +84,7 @@ def walls(outer: Any = None, **more: Any) -> Parts:
     return found
 
 
-FLOOR = "wall4"
+FLOOR = "wall5"
 """Of the six walls the one at y = -1."""
 
 
