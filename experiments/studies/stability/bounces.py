@@ -79,9 +79,7 @@ def _scattered(_context: StudyContext, albedo: float) -> Outcome:
     return Outcome(
         pictures=[picture, np.array(fluxes)],
         numbers={
-            "growth factor": max(
-                after / before for before, after in itertools.pairwise(fluxes)
-            ),
+            "growth factor": max(after / before for before, after in itertools.pairwise(fluxes)),
             "light over the closed form": sum(fluxes) / fluxes[0] / series,
         },
     )
