@@ -190,6 +190,13 @@ def _count(
     triangle = dr.gather(mi.Int32, kept, face, is_known)
     is_known &= triangle >= 0
     side = dr.select(dr.dot(front_normal(si), d) < 0.0, mi.UInt32(0), mi.UInt32(1))
+    # Dr.Jit's own choice on the CPU, a copy of the votes for each thread, writes their number into
+    # the kernel: every scene would compile its own.
     dr.scatter_reduce(
-        dr.ReduceOp.Add, votes, mi.UInt32(1), 2 * mi.UInt32(triangle) + side, is_known
+        dr.ReduceOp.Add,
+        votes,
+        mi.UInt32(1),
+        2 * mi.UInt32(triangle) + side,
+        is_known,
+        dr.ReduceMode.Local,
     )
