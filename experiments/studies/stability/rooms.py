@@ -70,7 +70,8 @@ def camera(outer: Any = None, width: int = EDGE, height: int = EDGE, **more: Any
         "rfilter": {"type": "box"},
         "component_format": "float32",
     }
-    sensor: Parts = {"type": "perspective", "fov": 80.0}
+    # Mitsuba's rays begin at a plane before the eye, its own default of which reaches into walls.
+    sensor: Parts = {"type": "perspective", "fov": 80.0, "near_clip": 1e-6}
     return {**sensor, "to_world": place, "film": film, **more}
 
 

@@ -49,7 +49,7 @@ def cases() -> list[StabilityCase]:
         ),
         "camera that looks along a wall": (
             [-1.0 + 1e-6, 0.0, 0.9],
-            [-1.0 + AWAY, 0.0, 0.9],
+            [-1.0 + 1e-4, 0.0, 0.9],
             "rays meet the wall at grazing angles",
         ),
     }

@@ -82,6 +82,13 @@ class DiffuseConesConfig:
             raise ValueError(
                 f"DiffuseConesConfig.aperture_scale must be > 0, got {self.aperture_scale}."
             )
+        widest = max(self.cones().apertures)
+        if not widest < math.pi:
+            raise ValueError(
+                f"DiffuseConesConfig.aperture_scale {self.aperture_scale:g} gives a cone an "
+                f"aperture of {math.degrees(widest):.0f} degrees: lower it, they must stay "
+                "below 180."
+            )
         if self.near_field_voxels < 0.0:
             raise ValueError(
                 f"DiffuseConesConfig.near_field_voxels must be >= 0, got {self.near_field_voxels}."
