@@ -39,7 +39,7 @@ format: setup  ## rewrite the files as ruff wants them
 	@$(VENV)/ruff format .
 	@$(VENV)/ruff check --fix .
 
-gate: setup  ## check two small scenes against tests/gates
+gate: setup  ## check two small scenes and what artefacts studies find against tests/gates
 	@mkdir -p build/gate
 	@$(VENV)/vctgi gate tests/gates/gates.toml --variant llvm_ad_rgb --mutants --output build/gate --junit build/gate/junit.xml \
 		--markdown build/gate/summary.md

@@ -31,6 +31,7 @@ from experiments.errors import (
     InputError,
     MachineryError,
 )
+from experiments.optimize.command import optimize
 
 if TYPE_CHECKING:
     from experiments.run import RunOptions
@@ -42,6 +43,9 @@ app = App(
     help_flags=["--help", "-h"],
     result_action="return_value",
 )
+
+
+app.command(optimize)
 
 
 @app.command
@@ -228,7 +232,9 @@ def study(  # noqa: PLR0913 - the options of a command
     scene: Annotated[
         str | None, Parameter(help="Scene for the checks that take one, such as those of speed.")
     ] = None,
-    output: Annotated[Path | None, Parameter(help="Folder for pictures.")] = None,
+    output: Annotated[
+        Path | None, Parameter(help="Folder for record, figures and a page of all studies in it.")
+    ] = None,
     variant: Variant = None,
     cache: Cache = None,
     json_file: JsonFile = None,

@@ -13,7 +13,8 @@ Preset = Annotated[
     str,
     Parameter(
         help="Named configuration: ambient, medium, high, ultra, or the recipe of another system, "
-        "such as peer:compix, with its own scale peer:compix:published; a wrong name lists all."
+        "such as peer:compix, with its own scale peer:compix:published, or a preset file "
+        "(.toml), as `vctgi optimize` writes it; a wrong name lists all."
     ),
 ]
 Presets = Annotated[

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import cast
 
 import metrics
-from experiments.gate import GateSpec, load_gates, pinned_display, run_gate
+from experiments.errors import InputError
+from experiments.gate import GateSpec, StudyGate, load_gates, pinned_display, run_gate
+from experiments.machine import BackendName, describe_machine
 from experiments.progress import ProgressReport
 from experiments.run import RunOptions, run_scene
 from experiments.scenes import load_scene
 from experiments.session import find_preset, start_mitsuba, writable_folder
+from experiments.studies.catalogue import checks_of, find_study
+from experiments.studies.check import StudyContext
+from experiments.studies.run import measured_row
 from reports.record import Record
+from reports.study_record import StudyRecord
 
 
 def gate_scenes(
@@ -54,14 +64,52 @@ def gate_scenes(
             )
             return run_scene(loaded, options, output, chosen, progress, display)
 
+        def measure(gate: StudyGate, names: Sequence[str]) -> StudyRecord:
+            return measure_study(gate, names, chosen, progress)
+
         code = run_gate(
             gates_file,
             render,
+            measure,
             junit=junit,
             markdown=markdown,
             update_reason=update_reason,
             mutants=mutants,
         )
         verdict = {0: "passed", 1: "FAILED"}.get(code, "could not be judged")
-        progress.say(f"{len(gates.gates)} gates: {verdict}")
+        progress.say(f"{len(gates.gates) + len(gates.studies)} gates: {verdict}")
     return code
+
+
+def measure_study(
+    gate: StudyGate, names: Sequence[str], variant: str, progress: ProgressReport
+) -> StudyRecord:
+    """Measure some checks of the study that a gate names.
+
+    Raises
+    ------
+    InputError
+        No such study, or no check of a name.
+    """
+    known = {check.name: check for check in checks_of(find_study(gate.study))}
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise InputError(
+            f"study {gate.study} has no check {unknown[0]!r}",
+            f"gate {gate.name}",
+            f"`vctgi study {gate.study}` names them",
+        )
+    context = StudyContext(quick=gate.quick, progress=progress)
+    words = [gate.study, *(["--quick"] if gate.quick else [])]
+    rows = []
+    for number, name in enumerate(names, start=1):
+        progress.start_scene(f"gate {gate.name}: {name}", number, len(names))
+        rows.append(measured_row(shlex.join(words), known[name], context))
+    return StudyRecord(
+        study=gate.study,
+        quick=gate.quick,
+        created=datetime.now(UTC),
+        command=shlex.join(["vctgi", "study", *words]),
+        rows=rows,
+        machine=describe_machine(cast(BackendName, variant)),
+    )

@@ -16,6 +16,7 @@ import metrics
 import reference
 from experiments.debug_pictures import voxel_images
 from experiments.machine import BackendName, describe_machine
+from experiments.noise import noise_warnings
 from experiments.scenes import LoadedScene
 from reports.record import (
     Display,
@@ -23,6 +24,7 @@ from reports.record import (
     ImageFile,
     Interval,
     MetricValue,
+    NoiseFloor,
     PlanEntry,
     Record,
     ReferenceInfo,
@@ -71,6 +73,8 @@ class RunResult:
         The reference.
     tests, references
         Component pictures [height, width, 3] of both methods.
+    floors
+        Noise of the references, by component.
     surfaces
         Albedo, normal, depth.
     measured, times, display
@@ -84,6 +88,7 @@ class RunResult:
     truth: reference.Reference
     tests: dict[str, np.ndarray]
     references: dict[str, np.ndarray]
+    floors: dict[str, NoiseFloor]
     surfaces: dict[str, np.ndarray]
     measured: list[metrics.Measurement]
     times: list[StageTime]
@@ -96,8 +101,7 @@ def keep_record(
 ) -> tuple[Record, Path]:
     """Write the pictures and the record of a run below `output`/records."""
     created = datetime.now(UTC)
-    # A colon, as in "peer:compix", has no place in a file's name.
-    preset = options.preset.replace(":", "-")
+    preset = _file_word(options.preset)
     name = f"{result.loaded.name}-{preset}-{variant.split('_')[0]}"
     record_id = f"{name}-{created:%Y%m%dT%H%M%S}-{secrets.token_hex(2)}"
     records = output / "records"
@@ -195,6 +199,7 @@ def _reference_info(result: RunResult) -> ReferenceInfo:
         seconds=truth.seconds,
         from_cache=truth.from_cache,
         noise_relmse=noise,
+        noise_floors=result.floors,
         truncated_share=rest / (reflected + rest) if reflected + rest > 0.0 else 0.0,
         notes=truth.notes,
     )
@@ -278,4 +283,10 @@ def _warnings(result: RunResult) -> list[str]:
         for entry in prepared.plan.entries
         if entry.item.startswith("geometry") and not entry.kept
     ]
+    found += noise_warnings(result.floors, result.measured, result.truth.request.samples_per_pixel)
     return list(dict.fromkeys(found))
+
+
+def _file_word(preset: str) -> str:
+    """Return a preset's name without the colon of "peer:compix" or the path of a preset file."""
+    return (Path(preset).stem if preset.endswith(".toml") else preset).replace(":", "-")

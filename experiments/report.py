@@ -20,6 +20,7 @@ from experiments.session import (
     writable_folder,
 )
 from reports.accuracy import write_accuracy_report
+from reports.headline import noise_bound
 from reports.markdown import write_markdown_summary
 from reports.record import Record
 from reports.sheet import write_sheet
@@ -158,6 +159,9 @@ def headline(record: Record) -> str:
         found = values.get((component, name))
         if found is None:
             return "-"
+        bound = noise_bound(found, record)
+        if bound is not None:
+            return f"below the noise (under {bound:.3g})"
         if found.interval is None:
             return f"{found.value:.3g}"
         return f"{found.value:.3g} [{found.interval.low:.3g}, {found.interval.high:.3g}]"

@@ -12,6 +12,7 @@ import metrics
 import reference
 import vctgi
 from experiments.errors import InputError
+from experiments.noise import noise_floors
 from experiments.record import RunResult, keep_record
 from experiments.scenes import LoadedScene
 from experiments.timing import StageTimer
@@ -121,6 +122,7 @@ def run_scene(
         truth=truth,
         tests=tests,
         references={name: values.mean(axis=0) for name, values in batches.items()},
+        floors=noise_floors(batches, options.reference_spp),
         surfaces=surface_images(cones.frame),
         measured=measured,
         times=cones.timer.stage_times(),

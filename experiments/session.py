@@ -46,15 +46,25 @@ def find_preset(name: str, *, is_compared: bool = False) -> None:
     Raises
     ------
     InputError
-        No preset of that name, or none that renders light where that is compared.
+        No preset of that name, a preset file that cannot be used, or none that renders light where
+        that is compared.
     """
     from vctgi.config import preset, preset_names
+    from vctgi.errors import PresetFileError
+    from vctgi.preset_file import is_preset_file
 
-    if name not in preset_names():
+    if name not in preset_names() and not is_preset_file(name):
+        known = ", ".join(preset_names())
         raise InputError(
-            what=f"no preset '{name}'", where="--preset", remedy=f"use {', '.join(preset_names())}"
+            what=f"no preset '{name}'",
+            where="--preset",
+            remedy=f"use {known}, or the path of a preset file (.toml)",
         )
-    if is_compared and preset(name).mode == "ambient":
+    try:
+        config = preset(name)
+    except PresetFileError as error:
+        raise InputError(what=error.what, where=error.where, remedy=error.remedy) from error
+    if is_compared and config.mode == "ambient":
         raise InputError(
             what=f"the preset '{name}' renders no light that a path tracer could be compared with",
             where="--preset",

@@ -23,6 +23,8 @@ from metrics.display import auto_exposure as auto_exposure
 from metrics.display import display_settings as display_settings
 from metrics.display import nits_per_unit as nits_per_unit
 from metrics.display import srgb_from_linear as srgb_from_linear
+from metrics.display_banding import display_banding as display_banding
+from metrics.display_banding import display_banding_excess as display_banding_excess
 from metrics.energy import energy_ratio as energy_ratio
 from metrics.finite import FiniteCheck as FiniteCheck
 from metrics.finite import check_finite as check_finite

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrics.changes import checked_sweep, mean_change_error, rms_change_error
+from metrics.changes import checked_sweep, light_of, mean_change_error, rms_change_error
 from metrics.confidence import Estimate, estimate_from_leave_one_out
 from metrics.finite import require_finite
 from metrics.images import checked_image
@@ -95,7 +95,7 @@ def temporal_difference_error(
     """
     frames, checked = checked_sweep(found, batches, least=2)
     estimate = mean_change_error(
-        np.diff(frames, axis=0), np.diff(checked, axis=1), float(checked.mean())
+        np.diff(frames, axis=0), np.diff(checked, axis=1), light_of(checked)
     )
     return _measurement(estimate, "temporal_difference_error", component, DIFFERENCE_FORMULA)
 
@@ -117,7 +117,7 @@ def temporal_difference_rms(
     """
     frames, checked = checked_sweep(found, batches, least=2)
     estimate = rms_change_error(
-        np.diff(frames, axis=0), np.diff(checked, axis=1), float(checked.mean())
+        np.diff(frames, axis=0), np.diff(checked, axis=1), light_of(checked)
     )
     return _measurement(estimate, "temporal_difference_rms", component, DIFFERENCE_RMS_FORMULA)
 

@@ -50,10 +50,10 @@ def phase_spread(phases: ArrayLike, mask: ArrayLike | None = None) -> float:
         without light: a spread has no scale then.
     """
     pictures = np.asarray(phases, dtype=np.float64)
-    if pictures.ndim not in (3, 4) or len(pictures) < LEAST_PHASES:
+    if pictures.ndim not in (3, 4) or len(pictures) < LEAST_PHASES or pictures.size == 0:
         raise ValueError(
-            f"phases must be (K, H, W) or (K, H, W, 3) with K >= {LEAST_PHASES}, got "
-            f"{pictures.shape}: render the view at several start phases."
+            f"phases must be (K, H, W) or (K, H, W, 3) with K >= {LEAST_PHASES}, not empty, "
+            f"got {pictures.shape}: render the view at several start phases."
         )
     require_finite(pictures, "phases")
     chosen = pictures[:, _checked_mask(mask, pictures.shape[1:3])]

@@ -11,13 +11,21 @@ from collections.abc import Callable
 from math import copysign, sqrt
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from metrics.confidence import Estimate, estimate_from_leave_one_out, jackknife_of_distance
+from metrics.confidence import Estimate, estimate_from_leave_one_out
 from metrics.images import Batches, Image, checked_inputs
+
+Energies = NDArray[np.float64]
+"""Numbers that are quadratic in the light, ``(Q,)``."""
 
 LEAST_BATCHES = 3
 """Fewest batches of which one can be left out and still leave a pair."""
+
+
+def light_of(batches: Batches) -> NDArray[np.float64]:
+    """Return the mean light of each batch, ``(M,)``."""
+    return np.asarray(batches.reshape(len(batches), -1).mean(axis=1))
 
 
 def checked_sweep(found: ArrayLike, batches: ArrayLike, *, least: int) -> tuple[Image, Batches]:
@@ -51,8 +59,8 @@ def checked_sweep(found: ArrayLike, batches: ArrayLike, *, least: int) -> tuple[
     return frames, checked
 
 
-def mean_change_error(change: Image, true_changes: Batches, scale: float) -> Estimate:
-    """Mean absolute difference of changes over a scale.
+def mean_change_error(change: Image, true_changes: Batches, light: ArrayLike) -> Estimate:
+    """Mean absolute difference of changes over the mean light.
 
     A distance, which takes noise for error: see `jackknife_of_distance` for its interval.
 
@@ -62,37 +70,46 @@ def mean_change_error(change: Image, true_changes: Batches, scale: float) -> Est
         ``(K, N, 3)``.
     true_changes
         ``(M, K, N, 3)``, M >= 2.
-    scale
-        Mean light, > 0.
+    light
+        ``(M,)`` mean light of each batch, of a mean above zero. Its noise belongs to the interval.
     """
-    return jackknife_of_distance(
-        lambda first, second: float(np.abs(first - second).mean()) / scale,
-        lambda changes: changes,
-        change,
-        true_changes,
+    count, scale = len(true_changes), _Means(light)
+    total = true_changes.sum(axis=0)
+
+    def distance(first: Image, second: Image) -> float:
+        return float(np.abs(first - second).mean())
+
+    without_one = [
+        distance(change, (total - each) / (count - 1)) / scale.without(number)
+        for number, each in enumerate(true_changes)
+    ]
+    halves = [
+        each.mean(axis=0) for each in (true_changes[: count // 2], true_changes[count // 2 :])
+    ]
+    return estimate_from_leave_one_out(
+        distance(change, total / count) / scale.whole,
+        np.array(without_one),
+        noise_floor=distance(*halves) / scale.whole,
     )
 
 
-def rms_change_error(change: Image, true_changes: Batches, scale: float) -> Estimate:
-    """Root mean square difference of changes over a scale, without the noise of the reference.
+def rms_change_error(change: Image, true_changes: Batches, light: ArrayLike) -> Estimate:
+    """Root mean square difference of changes over the mean light, without the reference's noise.
 
     Parameters
     ----------
-    change, true_changes, scale
+    change, true_changes, light
         As `mean_change_error` takes them.
     """
     return rooted_energy(
-        lambda true_change: float(((change - true_change) ** 2).mean()), true_changes, scale
+        lambda true_change: float(((change - true_change) ** 2).mean()), true_changes, light
     )
 
 
 def rooted_energy(
-    energy: Callable[[Image], float], batches: Batches, scale: float, level: float = 0.95
+    energy: Callable[[Image], float], batches: Batches, light: ArrayLike, level: float = 0.95
 ) -> Estimate:
-    """Root of a mean square over a scale, with the noise of the reference taken out of it.
-
-    The quadratic form is taken of pairs of different batches only, whose noise is independent, so
-    it has no bias, and nothing more needs to be known of the noise.
+    """Root of a mean square over the mean light, with the noise of the reference taken out of it.
 
     Parameters
     ----------
@@ -100,16 +117,51 @@ def rooted_energy(
         Quadratic form of a sweep ``(K, N, 3)``.
     batches
         ``(M, K, N, 3)``, M >= 3.
-    scale
-        What the root is divided by, > 0.
+    light
+        As `mean_change_error` takes it.
     level
         Probability that the interval holds the true value.
 
     Returns
     -------
     Estimate
-        ``sign(E) sqrt(abs(E)) / scale`` for the energy and both ends of its interval: below zero
-        means below the noise of the reference.
+        ``sign(E) sqrt(abs(E))`` for the energy over squared light and both ends of its interval:
+        below zero means below the noise of the reference.
+
+    Raises
+    ------
+    ValueError
+        For fewer than 3 batches, which leave no pair when one is left out.
+    """
+    scale = _Means(light)
+    whole, without_one = energies_of_pairs(lambda batch: np.array([energy(batch)]), batches)
+    found = estimate_from_leave_one_out(
+        float(whole[0]) / scale.whole**2,
+        np.array([each[0] / scale.without(k) ** 2 for k, each in enumerate(without_one)]),
+        level,
+    )
+    return Estimate(
+        value=_signed_root(found.value),
+        low=_signed_root(found.low),
+        high=_signed_root(found.high),
+        level=level,
+    )
+
+
+def energies_of_pairs(
+    energies: Callable[[Image], Energies], batches: Batches
+) -> tuple[Energies, list[Energies]]:
+    """Return quadratic forms without the noise of the reference, of all batches and without each.
+
+    They are taken of pairs of different batches only, whose noise is independent, so they have no
+    bias, and nothing more needs to be known of the noise.
+
+    Parameters
+    ----------
+    energies
+        Quadratic forms ``(Q,)`` of a sweep ``(K, N, 3)``.
+    batches
+        ``(M, K, N, 3)``, M >= 3.
 
     Raises
     ------
@@ -123,21 +175,29 @@ def rooted_energy(
             "render the reference in more batches, each with its own seed."
         )
     total = batches.sum(axis=0)
-    own = np.array([energy(batch) for batch in batches])
+    own = np.stack([energies(batch) for batch in batches])
 
-    def of_pairs(mean: Image, own_energies: float, number: int) -> float:
-        return (number**2 * energy(mean) - own_energies) / (number * (number - 1))
+    def of_pairs(mean: Image, own_energies: Energies, number: int) -> Energies:
+        found: Energies = (number**2 * energies(mean) - own_energies) / (number * (number - 1))
+        return found
 
     without_one = [
-        of_pairs((total - batch) / (count - 1), own.sum() - each, count - 1)
+        of_pairs((total - batch) / (count - 1), own.sum(axis=0) - each, count - 1)
         for batch, each in zip(batches, own, strict=True)
     ]
-    whole = of_pairs(total / count, own.sum(), count)
-    found = estimate_from_leave_one_out(whole, np.array(without_one), level)
+    return of_pairs(total / count, own.sum(axis=0), count), without_one
 
-    def root(value: float) -> float:
-        return copysign(sqrt(abs(value)), value) / scale
 
-    return Estimate(
-        value=root(found.value), low=root(found.low), high=root(found.high), level=level
-    )
+class _Means:
+    """Mean of all batches, and without one of them."""
+
+    def __init__(self, each: ArrayLike) -> None:
+        self._each = np.asarray(each, dtype=np.float64)
+        self.whole = float(self._each.mean())
+
+    def without(self, number: int) -> float:
+        return float(np.delete(self._each, number).mean())
+
+
+def _signed_root(value: float) -> float:
+    return copysign(sqrt(abs(value)), value)

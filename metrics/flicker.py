@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrics.changes import mean_change_error, rms_change_error
+from metrics.changes import light_of, mean_change_error, rms_change_error
 from metrics.finite import require_finite
 from metrics.measurement import Measurement
 
@@ -142,9 +142,9 @@ def flicker(
     ValueError
         For illegal input or a reference without light.
     """
-    change, true_changes, scale = _followed(found, batches, motion)
+    change, true_changes, light = _followed(found, batches, motion)
     return Measurement.from_estimate(
-        mean_change_error(change, true_changes, scale),
+        mean_change_error(change, true_changes, light),
         name="flicker",
         component=component,
         formula=FLICKER_FORMULA,
@@ -167,9 +167,9 @@ def flicker_rms(
     ValueError
         As `flicker`.
     """
-    change, true_changes, scale = _followed(found, batches, motion)
+    change, true_changes, light = _followed(found, batches, motion)
     return Measurement.from_estimate(
-        rms_change_error(change, true_changes, scale),
+        rms_change_error(change, true_changes, light),
         name="flicker_rms",
         component=component,
         formula=FLICKER_RMS_FORMULA,
@@ -179,8 +179,8 @@ def flicker_rms(
 
 def _followed(
     found: ArrayLike, batches: ArrayLike, motion: Motion
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Return changes ``(1, P, 3)``, true ones ``(M, 1, P, 3)``, and the mean light."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return changes ``(1, P, 3)``, true ones ``(M, 1, P, 3)``, and light ``(M,)``."""
     reference = np.asarray(batches, dtype=np.float64)
     if reference.ndim != 5 or len(reference) < 2:
         raise ValueError(
@@ -188,10 +188,10 @@ def _followed(
             "reference in more batches, each with its own seed."
         )
     true_changes = np.stack([changes(batch, motion) for batch in reference])[:, None]
-    scale = float(reference.mean())
-    if not scale > 0.0:
-        raise ValueError(f"batches must hold light, got a mean of {scale}.")
-    return changes(found, motion)[None], true_changes, scale
+    light = light_of(reference)
+    if not light.mean() > 0.0:
+        raise ValueError(f"batches must hold light, got a mean of {light.mean()}.")
+    return changes(found, motion)[None], true_changes, light
 
 
 def _is_same_surface(

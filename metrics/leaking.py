@@ -13,7 +13,7 @@ not leak. What is missing stands beside, so that nobody trades one fault for the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,9 @@ jackknife leaves one out; `audit_shares` checks for that one."""
 
 LIT_SHARE = 0.05
 """A pixel is lit if its true light is at least this share of the picture's mean."""
+
+GAIN_TILE = 8
+"""Pixels along an edge of the tiles whose light tells the gain of a picture."""
 
 SIGMA_COUNT = 3.0
 """Standard deviations of the reference that a difference must exceed to be an excess."""
@@ -132,15 +135,27 @@ def audit_shares(
 
 
 def picture_gain(audit: LeakAudit) -> float:
-    """Return the median over lit pixels of seen light over true light; 1 where none is lit.
+    """Return the median over tiles of seen light over true light of lit pixels; 1 without any.
 
-    A median, because light in the wrong place would change a mean: half of the pixels may leak
-    before it moves by more than their spread.
+    A median, because light in the wrong place would change a mean: half of the tiles may be wrong
+    before it moves by more than their spread. Tiles, because noise spreads the quotients of single
+    pixels, and where some pixels are wrong the median of all moves with that spread.
     """
     truth = audit.truth.mean(axis=0)
     seen = (audit.gathered - audit.through).mean(axis=0)
     is_lit = truth > LIT_SHARE * max(float(truth.mean()), 0.0)
-    return float(np.median(seen[is_lit] / truth[is_lit])) if is_lit.any() else 1.0
+    lit_truth, lit_seen = (_tile_sums(np.where(is_lit, each, 0.0)) for each in (truth, seen))
+    holds_light = lit_truth > 0.0
+    if not holds_light.any():
+        return 1.0
+    return float(np.median(lit_seen[holds_light] / lit_truth[holds_light]))
+
+
+def _tile_sums(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return sums over tiles, which are cut off at the picture's lower and right rim."""
+    height, width = values.shape
+    rows = np.add.reduceat(values, np.arange(0, height, GAIN_TILE), axis=0)
+    return np.asarray(np.add.reduceat(rows, np.arange(0, width, GAIN_TILE), axis=1))
 
 
 def excess_map(audit: LeakAudit, sign: float) -> NDArray[np.float64]:
@@ -192,6 +207,7 @@ def share_of_choices(
             f"{weights.shape} and {blocked.shape}."
         )
     require_finite(weights, "light")
+    require_finite(blocked, "is_blocked")
     if not weights.sum() > 0.0:
         raise ValueError("light must not be 0 everywhere: nothing can have leaked.")
     leaked, total = (weights * blocked).sum(axis=1), weights.sum(axis=1)
@@ -226,6 +242,7 @@ def one_sided_excess(
         ``dark_excess``: sum of max(0, V - R - 3 sigma) over pixels with R below 5 % of the mean,
         and ``missing_energy``: sum of max(0, R - V - 3 sigma) over all, each over the sum of R;
         sigma is the standard error of R. Both see luminance. No dark pixel gives 0, with a note.
+        The values are bounds from below, by what sigma takes off; the high ends allow for that.
 
     Raises
     ------
@@ -240,15 +257,23 @@ def one_sided_excess(
             "sealed_room_ratio for a room that is dark."
         )
 
-    def parts(some: Maps) -> tuple[float, float, int]:
+    def parts(some: Maps, sigmas: float = SIGMA_COUNT) -> tuple[float, float, int]:
         mean, error = some.mean(axis=0), some.std(axis=0, ddof=1) / np.sqrt(len(some))
         is_dark = mean < LIT_SHARE * mean.mean()
-        over = np.maximum(seen - mean - SIGMA_COUNT * error, 0.0)[is_dark].sum()
-        under = np.maximum(mean - seen - SIGMA_COUNT * error, 0.0).sum()
+        over = np.maximum(seen - mean - sigmas * error, 0.0)[is_dark].sum()
+        under = np.maximum(mean - seen - sigmas * error, 0.0).sum()
         return float(over / mean.sum()), float(under / mean.sum()), int(is_dark.sum())
 
-    whole = parts(truth)
+    whole, most = parts(truth), parts(truth, sigmas=0.0)
     without = [parts(np.delete(truth, left_out, axis=0)) for left_out in range(len(truth))]
+
+    def estimate(place: int) -> Estimate:
+        found = estimate_from_leave_one_out(
+            whole[place], np.array([each[place] for each in without])
+        )
+        taken_off = most[place] - whole[place]
+        return replace(found, high=found.high + taken_off)
+
     note = "" if whole[2] else "no pixel of the reference is dark"
     rows = {
         "dark_excess": (0, "sum of max(0, V - R - 3 sigma) where R is dark / sum of R"),
@@ -256,7 +281,7 @@ def one_sided_excess(
     }
     return {
         name: Measurement.from_estimate(
-            estimate_from_leave_one_out(whole[place], np.array([each[place] for each in without])),
+            estimate(place),
             name=name,
             component=component,
             formula=formula,

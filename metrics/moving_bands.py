@@ -208,6 +208,7 @@ def _checked(
             "pictures, offsets and cycles must be (K, H, W), (K,) and (H, W), got "
             f"{values.shape}, {phases.shape} and {steps.shape}: pass luminance."
         )
+    require_finite(phases, "offsets")
     if len(np.unique(np.round(phases % 1.0, 6))) < LEAST_PHASES:
         raise ValueError(
             f"offsets must hold at least {LEAST_PHASES} different phases of a step, got {phases}."
@@ -219,5 +220,4 @@ def _checked(
         )
     require_finite(values[:, chosen], "pictures under the mask")
     require_finite(steps[chosen], "cycles under the mask")
-    require_finite(phases, "offsets")
     return values, phases, steps, chosen

@@ -12,6 +12,7 @@ from metrics.display import DisplaySettings
 from metrics.energy import energy_ratio
 from metrics.finite import check_finite
 from metrics.images import Batches, Image, checked_inputs
+from metrics.leaking import one_sided_excess
 from metrics.luminance import luminance
 from metrics.measurement import Measurement
 from metrics.perceptual import mean_flip
@@ -74,6 +75,7 @@ def _relative(test: Image, batches: Batches, component: str) -> list[Measurement
         relmse_e2(test, batches, component=component),
         relmse_e001(test, batches, component=component),
         mean_relative_error(test, batches, component=component),
+        *one_sided_excess(test, batches, component=component).values(),
     ]
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrics.changes import checked_sweep, rooted_energy
-from metrics.confidence import Estimate, jackknife_of_mean
+from metrics.changes import checked_sweep, energies_of_pairs, light_of, rooted_energy
+from metrics.confidence import Estimate, estimate_from_leave_one_out
 from metrics.finite import require_finite
 from metrics.images import Image
 from metrics.measurement import Measurement
@@ -41,7 +41,7 @@ def voxel_period_rms(
     ----------
     found, batches, component
         Frames of fixed receivers, ``(K, N, 3)``, enough for the fit; reference ``(M, K, N, 3)``, M
-        >= 2; name of what is compared, for the record.
+        >= 3; name of what is compared, for the record.
     places
         ``(K,)`` where whatever moves is in each frame, in voxels of the level in question.
 
@@ -59,7 +59,7 @@ def voxel_period_rms(
     frames, checked = checked_sweep(found, batches, least=2)
     fit = _WaveFit(_checked_places(places, len(frames)))
     estimate = rooted_energy(
-        lambda reference: fit.energies(frames - reference)[0], checked, float(checked.mean())
+        lambda reference: fit.energies(frames - reference)[0], checked, light_of(checked)
     )
     return _measurement(estimate, "voxel_period_rms", component, PERIOD_RMS_FORMULA)
 
@@ -78,9 +78,8 @@ def voxel_period_share(
     -------
     Measurement
         0 where the error is steady, or as likely at any other frequency; below zero where it is at
-        others, which leave the voxel's less than chance would. Noise of the reference is part of
-        the whole energy, less what the jackknife takes off; where it is most of it, the interval
-        is wide.
+        others, which leave the voxel's less than chance would. Noise of the reference is in
+        neither energy; where it is most of what changes, the interval is wide.
 
     Raises
     ------
@@ -90,12 +89,19 @@ def voxel_period_share(
     frames, checked = checked_sweep(found, batches, least=2)
     fit = _WaveFit(_checked_places(places, len(frames)))
 
-    def share(reference: Image) -> float:
-        waves, whole = fit.energies(frames - reference)
-        return waves / whole if whole > 0.0 else 0.0
-
-    estimate = jackknife_of_mean(share, checked)
+    whole, without_one = energies_of_pairs(
+        lambda reference: np.array(fit.energies(frames - reference)), checked
+    )
+    estimate = estimate_from_leave_one_out(
+        _share(whole), np.array([_share(each) for each in without_one])
+    )
     return _measurement(estimate, "voxel_period_share", component, PERIOD_SHARE_FORMULA)
+
+
+def _share(energies: NDArray[np.float64]) -> float:
+    """Return waves over all, 0 where there is nothing."""
+    waves, whole = energies
+    return float(waves / whole) if whole > 0.0 else 0.0
 
 
 class _WaveFit:

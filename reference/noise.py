@@ -121,22 +121,34 @@ def require_low_noise(
     ValueError
         `smallest_difference` is not above 0.
     """
-    target = target_from_difference(smallest_difference)
     for component in components:
-        floor = noise_floor(reference, component)
-        if not np.isfinite(floor.value):
-            raise NoisyReferenceError(
-                f"reference {reference.key[:12]} has no light in {component!r}: a relative "
-                "difference has no value there, compare absolute ones or light the scene."
-            )
-        if floor.upper > target:
-            raise NoisyReferenceError(
-                f"reference {reference.key[:12]} is too noisy to compare {component!r}: its noise "
-                f"relMSE of {floor.value:.2g} (below {floor.upper:.2g} at {LEVEL:.0%}) is not "
-                f"{LEAST_FACTOR:g} times below {smallest_difference:.2g}, the smallest difference "
-                f"asked about; render to a relMSE of {target:.2g}, about "
-                f"{floor.samples_for(target)} paths a pixel in place of {floor.samples_per_pixel}."
-            )
+        require_low_noise_of(
+            reference.batches(component),
+            reference.request.samples_per_pixel,
+            smallest_difference,
+            f"{component!r} of reference {reference.key[:12]}",
+        )
+
+
+def require_low_noise_of(
+    batches: np.ndarray, samples_per_pixel: int, smallest_difference: float, name: str
+) -> None:
+    """`require_low_noise` of bare batches `[batch, y, x, rgb]` that a message calls `name`."""
+    target = target_from_difference(smallest_difference)
+    floor = noise_of(batches, samples_per_pixel)
+    if not np.isfinite(floor.value):
+        raise NoisyReferenceError(
+            f"{name} has no light: a relative difference has no value there, compare absolute ones "
+            "or light the scene."
+        )
+    if floor.upper > target:
+        raise NoisyReferenceError(
+            f"{name} is too noisy to compare: its noise relMSE of {floor.value:.2g} (below "
+            f"{floor.upper:.2g} at {LEVEL:.0%}) is not {LEAST_FACTOR:g} times below "
+            f"{smallest_difference:.2g}, the smallest difference asked about; render to a relMSE "
+            f"of {target:.2g}, about {floor.samples_for(target)} paths a pixel in place of "
+            f"{floor.samples_per_pixel}."
+        )
 
 
 def target_from_difference(smallest_difference: float) -> float:

@@ -19,7 +19,7 @@ from reports.headline import (
     find_metric,
     frame_seconds,
     interval_text,
-    is_below_noise,
+    noise_bound,
     number,
     ordered,
     samples_per_pixel,
@@ -124,7 +124,7 @@ def accuracy_report(record_paths: Sequence[Path]) -> str:
         flip_colours=", ".join(colour_stops("magma")),
         interval_text=interval_text,
         voxel_quantities=QUANTITIES,
-        is_below_noise=is_below_noise,
+        noise_bound=noise_bound,
     )
 
 

@@ -113,9 +113,27 @@ def is_peer(record: Record) -> bool:
 def is_below_noise(metric: MetricValue) -> bool:
     """Whether an error cannot be told from zero: its interval reaches down to zero or lower.
 
-    Noise-aware estimates of squared errors may be negative; they are shown, never clamped.
+    Noise-aware estimates of squared errors may be negative; records keep them, never clamped.
     """
     return metric.ideal == 0.0 and metric.interval is not None and metric.interval.low <= 0.0
+
+
+def noise_bound(metric: MetricValue, record: Record) -> float | None:
+    """Return what an error lies below, where noise hides the error itself; None where it does not.
+
+    It is hidden when its interval reaches zero, and a relMSE also when it is not above the noise of
+    the reference. What is then known is the larger of both upper ends.
+    """
+    interval = metric.interval
+    if metric.ideal != 0.0 or (interval is not None and interval.low == interval.high):
+        return None
+    floors = {} if record.reference is None else record.reference.noise_floors
+    floor = floors.get(metric.component) if metric.name == "relmse_e2" else None
+    is_under_floor = floor is not None and metric.value <= floor.upper
+    if not is_below_noise(metric) and not is_under_floor:
+        return None
+    bounds = [] if interval is None else [interval.high]
+    return max(bounds + ([floor.upper] if floor is not None and is_under_floor else []))
 
 
 def ordered(records: Mapping[Path, Record]) -> list[tuple[Path, Record]]:

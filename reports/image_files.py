@@ -74,12 +74,50 @@ def load_image(record_path: Path, record: Record, name: str) -> NDArray[np.float
         When the record has no such picture, or the file is missing, altered, not an EXR file,
         has other channels, or is not `record.height` x `record.width`.
     """
-    file = checked_image_path(record_path, record, name)
+    pixels = _read_pixels(checked_image_path(record_path, record, name), record.command)
+    if pixels.shape[:2] != (record.height, record.width):
+        raise ValueError(
+            f"{record_path.parent / record.images[name].path}: {pixels.shape[1]}x{pixels.shape[0]} "
+            f"pixels, but the record says {record.width}x{record.height}; make the record again: "
+            f"{record.command}"
+        )
+    return pixels
+
+
+def load_image_file(folder: Path, entry: ImageFile, command: str) -> NDArray[np.float32]:
+    """Read a picture after checking that it is the one that was written.
+
+    Parameters
+    ----------
+    folder
+        Which the entry's path is relative to.
+    entry
+        As `write_image` returned it.
+    command
+        What makes it again, for the messages of errors.
+
+    Returns
+    -------
+    numpy.ndarray
+        As `load_image`.
+
+    Raises
+    ------
+    ValueError
+        The file is missing, altered, not an EXR file, or has other channels.
+    """
+    file = folder / entry.path
+    _check_file(file, entry, f"image {file.stem!r}", command=command)
+    return _read_pixels(file, command)
+
+
+def _read_pixels(file: Path, command: str) -> NDArray[np.float32]:
     try:
         channels = OpenEXR.File(str(file), separate_channels=True).channels()
-    except RuntimeError as error:
+    except (RuntimeError, ValueError) as error:
+        # A file that ends early has no parts, which is a ValueError that names no file.
         raise ValueError(
-            f"{file}: not a readable EXR file ({error}); make the record again: {record.command}"
+            f"{file}: not a readable EXR file ({error}); make the record again: {command}"
         ) from error
     if set(channels) == {"R", "G", "B"}:
         pixels = np.stack([channels[key].pixels for key in "RGB"], axis=-1)
@@ -89,11 +127,6 @@ def load_image(record_path: Path, record: Record, name: str) -> NDArray[np.float
         raise ValueError(
             f"{file}: channels {sorted(channels)} are neither R G B nor Y; write pictures with "
             "write_image"
-        )
-    if pixels.shape[:2] != (record.height, record.width):
-        raise ValueError(
-            f"{file}: {pixels.shape[1]}x{pixels.shape[0]} pixels, but the record says "
-            f"{record.width}x{record.height}; make the record again: {record.command}"
         )
     return np.asarray(pixels, dtype=np.float32)
 
@@ -112,18 +145,23 @@ def checked_image_path(record_path: Path, record: Record, name: str) -> Path:
             f"{record_path}: no image {name!r}; this record has {', '.join(sorted(record.images))}"
         )
     file = record_path.parent / entry.path
+    owner = f" of {record_path.name}"
+    _check_file(file, entry, f"image {name!r}", owner=owner, command=record.command)
+    return file
+
+
+def _check_file(file: Path, entry: ImageFile, what: str, *, command: str, owner: str = "") -> None:
     if not file.is_file():
         raise ValueError(
-            f"{file}: image {name!r} of {record_path.name} is missing; keep records and their "
-            f"folders together, or make the record again: {record.command}"
+            f"{file}: {what}{owner} is missing; keep records and their folders together, or make "
+            f"the record again: {command}"
         )
     digest = hashlib.sha256(file.read_bytes()).hexdigest()
     if digest != entry.sha256:
         raise ValueError(
-            f"{file}: image {name!r} was altered after it was recorded (sha256 {digest[:12]}..., "
-            f"recorded {entry.sha256[:12]}...); make the record again: {record.command}"
+            f"{file}: {what} was altered after it was recorded (sha256 {digest[:12]}..., recorded "
+            f"{entry.sha256[:12]}...); make the record again: {command}"
         )
-    return file
 
 
 def unused_name_beside(path: Path) -> Path:

@@ -13,6 +13,7 @@ from reports.headline import (
     find_metric,
     frame_seconds,
     interval_text,
+    noise_bound,
     number,
     ordered,
     samples_per_pixel,
@@ -63,7 +64,7 @@ def _row(record: Record) -> list[str]:
         _cell(record.scene.name),
         _cell(f"{record.method} {record.preset}"),
         _cell(record.machine.backend),
-        *(_metric(find_metric(record, headline)) for headline in HEADLINES),
+        *(_metric(find_metric(record, headline), record) for headline in HEADLINES),
         count_text(samples_per_pixel(record)),
         duration(frame_seconds(record)),
         duration(None if reference is None else reference.seconds),
@@ -71,9 +72,12 @@ def _row(record: Record) -> list[str]:
     ]
 
 
-def _metric(metric: MetricValue | None) -> str:
+def _metric(metric: MetricValue | None, record: Record) -> str:
     if metric is None:
         return "\N{EN DASH}"
+    bound = noise_bound(metric, record)
+    if bound is not None:
+        return f"below the noise (under {number(bound)})"
     interval = metric.interval
     if interval is None:
         return number(metric.value)

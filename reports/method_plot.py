@@ -16,6 +16,7 @@ from reports.headline import (
     find_metric,
     frame_seconds,
     is_peer,
+    noise_bound,
     samples_per_pixel,
 )
 from reports.label_places import Box, place_labels
@@ -50,6 +51,8 @@ class _Point:
     name: str
     x: float
     metric: MetricValue
+    bound: float | None
+    """What the error is under, where the noise hides it."""
     is_peer: bool
 
     @property
@@ -59,13 +62,12 @@ class _Point:
     @property
     def is_hidden(self) -> bool:
         """Whether the noise hides the error, so that only a bound of it can be drawn."""
-        return self.metric.value <= 0.0
+        return self.bound is not None
 
     @property
     def y(self) -> float:
-        """The error, or the upper end of its interval where the noise hides it."""
-        interval = self.metric.interval
-        return self.metric.value if not self.is_hidden or interval is None else interval.high
+        """The error, or what it is under where the noise hides it."""
+        return self.metric.value if self.bound is None else self.bound
 
 
 def method_svg(records: Sequence[Record], *, key: str) -> str | None:
@@ -112,7 +114,8 @@ def _points(records: Sequence[Record], measure: Measure) -> list[_Point]:
         x, metric = measure(record), find_metric(record, ERROR)
         if x is None or x <= 0.0 or metric is None:
             continue
-        point = _Point(record.preset.removeprefix(PEER_PREFIX), x, metric, is_peer(record))
+        name, bound = record.preset.removeprefix(PEER_PREFIX), noise_bound(metric, record)
+        point = _Point(name, x, metric, bound, is_peer(record))
         if point.y > 0.0:
             found.append(point)
     return found

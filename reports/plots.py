@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
-from reports.headline import HEADLINES, Headline, find_metric
+from reports.headline import HEADLINES, Headline, find_metric, noise_bound
 from reports.schema import Record, StageTime
 
 INK = "#010203"
@@ -105,7 +105,10 @@ def chart_style() -> AbstractContextManager[None]:
 
 
 def _dots(axes: Axes, records: Sequence[Record], column: Headline) -> None:
-    """Draw one dot per record; a logarithmic axis for errors that are all above zero."""
+    """Draw one dot per record; a logarithmic axis for errors that are all above zero.
+
+    An error that noise hides is a triangle at what it is under.
+    """
     found = [(row, find_metric(record, column)) for row, record in enumerate(records)]
     points = [(row, metric) for row, metric in found if metric is not None]
     intervals = [metric.interval for _, metric in points]
@@ -113,10 +116,17 @@ def _dots(axes: Axes, records: Sequence[Record], column: Headline) -> None:
     lows = [i.low if i else value for i, value in zip(intervals, values, strict=True)]
     highs = [i.high if i else value for i, value in zip(intervals, values, strict=True)]
     axes.hlines([row for row, _ in points], lows, highs, color=BAR_COLOUR, linewidth=2.0)
-    axes.plot(
-        values, [row for row, _ in points],
-        linestyle="none", marker="o", markersize=5, color=BAR_COLOUR,
-    )  # fmt: skip
+    bounds = [noise_bound(metric, records[row]) for row, metric in points]
+    for marker, is_hidden in (("o", False), ("<", True)):
+        drawn = [
+            (value if bound is None else bound, row)
+            for value, bound, (row, _) in zip(values, bounds, points, strict=True)
+            if (bound is not None) == is_hidden
+        ]
+        axes.plot(
+            [x for x, _ in drawn], [row for _, row in drawn],
+            linestyle="none", marker=marker, markersize=5, color=BAR_COLOUR,
+        )  # fmt: skip
     ideal = points[0][1].ideal if points else None
     if ideal == 1.0:
         axes.axvline(1.0, color=INK, linewidth=0.8, linestyle=(0, (4, 3)))

@@ -21,6 +21,7 @@ from reports.schema import ImageFile as ImageFile
 from reports.schema import Interval as Interval
 from reports.schema import Machine as Machine
 from reports.schema import MetricValue as MetricValue
+from reports.schema import NoiseFloor as NoiseFloor
 from reports.schema import PlanEntry as PlanEntry
 from reports.schema import Record as Record
 from reports.schema import ReferenceInfo as ReferenceInfo

@@ -185,6 +185,14 @@ class SceneInfo(_Part):
     credit: str = ""
 
 
+class NoiseFloor(_Part):
+    """How noisy the mean of a reference's batches is, as a relMSE."""
+
+    value: float
+    upper: float
+    """One-sided 95 % bound."""
+
+
 class ReferenceInfo(_Part):
     """The path-traced reference."""
 
@@ -200,6 +208,9 @@ class ReferenceInfo(_Part):
     noise_relmse: float | None
     """Estimated relative MSE of the reference's mean indirect light, unbiased and so not always
     positive; None where there is none."""
+    noise_floors: dict[str, NoiseFloor] = {}
+    """By component, of those that hold light; empty in records from before it was kept. The noise
+    of direct light and emission is on both sides, so "image" does not count it."""
     truncated_share: float
     """Energy of more scatterings than `scattering_count`, over all reflected energy."""
     notes: list[str] = []

@@ -19,6 +19,7 @@ from pydantic import (
 )
 
 from reports.schema import Machine
+from reports.study_figures import Definition, Figure
 
 STUDY_SCHEMA_VERSION: Final = 1
 """Raised by one whenever a reader of the old form would misread the new one."""
@@ -46,6 +47,8 @@ class StudyRow(_Part):
     goal: float | None = None
     """What one would like to see; it decides nothing."""
     passed: bool
+    refused: str = ""
+    """Why nothing was measured, such as a reference that is too noisy for it; else empty."""
     how: str
     """The command that gives this one number."""
 
@@ -55,6 +58,8 @@ class StudyRow(_Part):
             raise ValueError(f"row {self.check!r}: an interval has two ends or none")
         if self.low is not None and self.high is not None and self.low > self.high:
             raise ValueError(f"row {self.check!r}: low {self.low} must not exceed high {self.high}")
+        if self.refused and self.value is not None:
+            raise ValueError(f"row {self.check!r}: a number that was refused has no value")
         kept = is_within(self.value, self.limit_low, self.limit_high)
         if self.passed != kept:
             raise ValueError(f"row {self.check!r}: passed is {self.passed}, its limits say {kept}")
@@ -73,6 +78,22 @@ class StudyRecord(_Part):
     """What to type to make this file again."""
     rows: list[StudyRow] = Field(min_length=1)
     machine: Machine
+    question: str = ""
+    """What the study asks."""
+    code: str = ""
+    """Hash of the sources that the numbers and figures come from."""
+    headlines: list[str] = []
+    """Checks that are read first."""
+    figures: list[Figure] = []
+    definitions: list[Definition] = []
+
+    @model_validator(mode="after")
+    def _unique_figures(self) -> StudyRecord:
+        keys = [figure.key for figure in self.figures]
+        repeated = sorted({key for key in keys if keys.count(key) > 1})
+        if repeated:
+            raise ValueError(f"figures of one name: {', '.join(repeated)}")
+        return self
 
 
 def is_within(value: float | None, low: float | None, high: float | None) -> bool:
@@ -80,6 +101,11 @@ def is_within(value: float | None, low: float | None, high: float | None) -> boo
     if value is None or not math.isfinite(value):
         return False
     return (low is None or value >= low) and (high is None or value <= high)
+
+
+def record_text(record: StudyRecord) -> str:
+    """Return what the file of a record holds."""
+    return record.model_dump_json(indent=1) + "\n"
 
 
 def read_study(path: Path) -> StudyRecord:

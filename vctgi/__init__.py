@@ -11,6 +11,7 @@ from vctgi.config import RenderConfig as RenderConfig
 from vctgi.config import preset as preset
 from vctgi.errors import SceneError as SceneError
 from vctgi.integrator import register as _register
+from vctgi.parameters import ConeParameters as ConeParameters
 from vctgi.pipeline import accumulate_frame as accumulate_frame
 from vctgi.pipeline import light_volume as light_volume
 from vctgi.pipeline import prepare_scene as prepare_scene

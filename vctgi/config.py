@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
 from typing import Literal, get_args
 
 from vctgi.clipmap.levels import ClipmapConfig
 from vctgi.clipmap.storage import StorageConfig
+from vctgi.errors import PresetFileError
 from vctgi.peers import PEER_PREFIX, PEERS, find_peer, peer_names
+from vctgi.preset_file import SUFFIX, changed_config, is_preset_file, read_preset_file
 from vctgi.scene.sky import SkyConfig
 from vctgi.stages.bounces import BouncesConfig
 from vctgi.stages.cone_tracing.ambient import AmbientConfig
@@ -158,28 +162,58 @@ PRESETS: dict[str, RenderConfig] = {
 """Named configurations, from cheap to dear."""
 
 
+SHIPPED_FOLDER = Path(__file__).parent / "presets"
+"""Preset files that come with the package; each is a preset of its file's name."""
+
+
+@cache
+def shipped_presets() -> dict[str, Path]:
+    """Return the preset files that come with the package, by name."""
+    return {path.stem: path for path in sorted(SHIPPED_FOLDER.glob(f"*{SUFFIX}"))}
+
+
 def preset_names() -> list[str]:
-    """Return all names that `preset` takes: ours from cheap to dear, then the peers'."""
-    return [*PRESETS, *peer_names()]
+    """Return all names that `preset` takes: ours from cheap to dear, fitted ones, the peers'.
+
+    It takes the path of a preset file besides.
+    """
+    return [*PRESETS, *shipped_presets(), *peer_names()]
 
 
 def preset(name: str) -> RenderConfig:
     """Return the named preset.
 
     A name like "peer:compix" is the recipe of another system over our voxels and at the settings of
-    "high" otherwise, "peer:compix:published" the same with that system's own scale.
+    "high" otherwise, "peer:compix:published" the same with that system's own scale. A name that
+    ends in ".toml" is a preset file (`vctgi.preset_file`), such as `vctgi optimize` writes.
 
     Raises
     ------
     ValueError
         No preset of that name.
+    PresetFileError
+        A preset file that cannot be read or used.
     """
     if name in PRESETS:
         return PRESETS[name]
+    if is_preset_file(name) or name in shipped_presets():
+        return _from_file(shipped_presets().get(name, Path(name)))
     if not name.startswith(PEER_PREFIX):
         raise ValueError(
-            f"no preset '{name}'; choose one of {', '.join(PRESETS)}, "
-            f"or {PEER_PREFIX} and one of {', '.join(PEERS)}."
+            f"no preset '{name}'; choose one of {', '.join([*PRESETS, *shipped_presets()])}, "
+            f"a file that ends in {SUFFIX}, or {PEER_PREFIX} and one of {', '.join(PEERS)}."
         )
     peer, diffuse = find_peer(name)
     return replace(PRESETS["high"], diffuse=diffuse, downsampling=peer.downsampling)
+
+
+def _from_file(path: Path) -> RenderConfig:
+    """Return what a preset file describes; its base is a preset that is no file."""
+    file = read_preset_file(path)
+    if file.base not in (*PRESETS, *peer_names()):
+        raise PresetFileError(
+            f"the preset file's base is '{file.base}'",
+            str(path),
+            f"use one of {', '.join(PRESETS)}",
+        )
+    return changed_config(preset(file.base), file, path)

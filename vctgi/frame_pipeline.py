@@ -16,6 +16,7 @@ from vctgi.clipmap.storage import VoxelVolume
 from vctgi.config import RenderConfig
 from vctgi.maths.directions import kronecker_points, random_bits, random_unit
 from vctgi.maths.stub_gaps import as_component
+from vctgi.parameters import ConeParameters
 from vctgi.prepared import PreparedScene, StageClock, no_clock
 from vctgi.scene.records import FilmSample, GBuffer
 from vctgi.specular_pipeline import gather_specular
@@ -70,6 +71,7 @@ def render_frame(
     clock: StageClock = no_clock,
     seed: int = 0,
     tally: FrameTally | None = None,
+    parameters: ConeParameters | None = None,
 ) -> Frame:
     """Render the indirect light of a picture, or its ambient occlusion.
 
@@ -88,12 +90,15 @@ def render_frame(
     tally
         Counts what the frame's cones read, not those that light voxels; None: nothing is counted,
         and the kernels are those of a frame that never is.
+    parameters
+        Values that go before the numbers of `config`, for derivatives; None: those numbers.
     """
     width, height = (int(n) for n in prepared.sensor.film().crop_size())
     count = config.samples_per_pixel
     is_ambient = config.mode == "ambient"
     pixel = dr.arange(mi.UInt32, width * height)
-    gather = _gatherer(prepared, volume, config, clock, tally)
+    tracing = _Tracing(prepared, volume, config, clock, tally, parameters)
+    gather = _gatherer(tracing)
     sums: dict[str, list[mi.Float]] = {}
     first, traced, refined_count = {}, None, 0
     for number in range(count):
@@ -121,7 +126,7 @@ def render_frame(
             sample = _ambient_sample(gbuffer, incident)
         else:
             film = FilmSample(width, number)
-            light = gather_light(prepared, gbuffer, volume, config, clock, incident, film, tally)
+            light = _gather_light(tracing, gbuffer, incident, film)
             sample = _light_sample(gbuffer, light)
         _accumulate(sums, sample, count)
     tensors = _tensors({**sums, **first}, width, height)
@@ -160,39 +165,20 @@ def gather_light(
     gbuffer: GBuffer,
     volume: VoxelVolume,
     config: RenderConfig,
-    clock: StageClock = no_clock,
-    incident: mi.Color3f | None = None,
-    film: FilmSample | None = None,
-    tally: FrameTally | None = None,
+    parameters: ConeParameters | None = None,
 ) -> IndirectLight:
-    """Trace the cones of visible points and put their light together.
+    """Trace the cones of visible points, which need not be pixels, and put their light together.
 
     Parameters
     ----------
-    prepared, gbuffer, volume, config, clock
-        Scene, visible points, lit voxels, cones, and what times the stages.
-    incident
-        E / pi at the points; None traces their diffuse cones.
-    film
-        Says that the points are pixels; without it nothing can be filtered, and noise that is bound
+    prepared, gbuffer, volume, config
+        Scene, visible points, lit voxels, cones. Nothing can be filtered, and noise that is bound
         to pixels is refused.
-    tally
-        Counts what the cones read; None: nothing is counted.
+    parameters
+        Values that go before the numbers of `config`, for derivatives; None: those numbers.
     """
-    plan = prepared.plan
-    if incident is None:
-        incident = _gatherer(prepared, volume, config, clock, tally)(gbuffer)
-    specular = None
-    if plan.has_specular or plan.has_passing:
-        with clock("specular cones"):
-            sky = prepared.sky if plan.has_sky_in_cones else None
-            counts = None if tally is None else tally.specular
-            specular = gather_specular(plan, gbuffer, volume, config, sky, film, counts)
-            dr.eval(specular)
-    with clock("composite"):
-        light = composite(gbuffer, incident, specular)
-        dr.eval(light)
-    return light
+    tracing = _Tracing(prepared, volume, config, no_clock, None, parameters)
+    return _gather_light(tracing, gbuffer, _gatherer(tracing)(gbuffer), None)
 
 
 def gather_ambient(
@@ -201,24 +187,54 @@ def gather_ambient(
     volume: VoxelVolume,
     config: RenderConfig,
     tally: FrameTally | None = None,
+    parameters: ConeParameters | None = None,
 ) -> mi.Float:
     """Return how open the hemisphere over visible points is, [0, 1]."""
     counts = None if tally is None else tally.gathering
-    return trace_ambient(gbuffer, volume, config.ambient, prepared.scene, counts)
+    scale = None if parameters is None else parameters["ambient_range_scale"]
+    return trace_ambient(gbuffer, volume, config.ambient, prepared.scene, counts, scale)
 
 
-def _gatherer(
-    prepared: PreparedScene,
-    volume: VoxelVolume,
-    config: RenderConfig,
-    clock: StageClock,
-    tally: FrameTally | None,
-) -> Gather:
+@dataclass
+class _Tracing:
+    """What cones are traced in, how, and who watches."""
+
+    prepared: PreparedScene
+    volume: VoxelVolume
+    config: RenderConfig
+    clock: StageClock
+    tally: FrameTally | None
+    parameters: ConeParameters | None
+
+
+def _gather_light(
+    tracing: _Tracing, gbuffer: GBuffer, incident: mi.Color3f, film: FilmSample | None
+) -> IndirectLight:
+    """Trace the specular cones of points, and add the diffuse light E / pi that they have."""
+    plan, config, tally = tracing.prepared.plan, tracing.config, tracing.tally
+    specular = None
+    if plan.has_specular or plan.has_passing:
+        with tracing.clock("specular cones"):
+            sky = tracing.prepared.sky if plan.has_sky_in_cones else None
+            counts = None if tally is None else tally.specular
+            specular = gather_specular(
+                plan, gbuffer, tracing.volume, config, sky, film, counts, tracing.parameters
+            )
+            dr.eval(specular)
+    with tracing.clock("composite"):
+        light = composite(gbuffer, incident, specular)
+        dr.eval(light)
+    return light
+
+
+def _gatherer(tracing: _Tracing) -> Gather:
     """Return what gathers the light that is interpolated: diffuse light, or how open it is."""
+    prepared, volume, config = tracing.prepared, tracing.volume, tracing.config
+    tally, parameters = tracing.tally, tracing.parameters
 
     def ambient(gbuffer: GBuffer) -> mi.Color3f:
-        with clock("ambient cones"):
-            openness = gather_ambient(prepared, gbuffer, volume, config, tally)
+        with tracing.clock("ambient cones"):
+            openness = gather_ambient(prepared, gbuffer, volume, config, tally, parameters)
             gray = mi.Color3f(as_component(openness))
             dr.eval(gray)
         return gray
@@ -226,8 +242,10 @@ def _gatherer(
     def diffuse(gbuffer: GBuffer) -> mi.Color3f:
         sky = prepared.sky if prepared.plan.has_sky_in_cones else None
         counts = None if tally is None else tally.gathering
-        with clock("diffuse cones"):
-            incident = trace_diffuse(gbuffer, volume, config.diffuse, prepared.scene, sky, counts)
+        with tracing.clock("diffuse cones"):
+            incident = trace_diffuse(
+                gbuffer, volume, config.diffuse, prepared.scene, sky, counts, parameters
+            )
             dr.eval(incident)
         return incident
 

@@ -18,8 +18,9 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
-from vctgi.config import PRESETS, RenderConfig, preset
+from vctgi.config import PRESETS, RenderConfig, preset, shipped_presets
 from vctgi.maths.stub_gaps import as_bits, as_component, as_mask
+from vctgi.parameters import ConeParameters
 from vctgi.pipeline import (
     PreparedScene,
     gather_ambient,
@@ -30,7 +31,7 @@ from vctgi.pipeline import (
 from vctgi.stages.gbuffer import trace_gbuffer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     # What the stubs of Mitsuba call the arrays of an integrator's methods.
     from drjit.auto.ad import Bool, Float, TensorXf, UInt
@@ -104,6 +105,25 @@ def _config_from_properties(props: mi.Properties) -> tuple[str, RenderConfig]:
     )
 
 
+def _parameters_of(config: RenderConfig) -> ConeParameters | None:
+    """Return the parameters of a preset's cones; those that belong to the world have none."""
+    is_tangent = config.diffuse.cones().frame == "tangent"
+    return ConeParameters.from_config(config) if is_tangent else None
+
+
+def _live(parameters: ConeParameters | None, *, has_own: bool) -> ConeParameters | None:
+    """Return parameters that are not just the numbers of the configuration."""
+    if parameters is None or not (has_own or dr.grad_enabled(dict(parameters))):
+        return None
+    return parameters
+
+
+def _exposed(callback: mi.TraversalCallback, parameters: ConeParameters | None) -> None:
+    """Show parameters by their names."""
+    for name, value in (parameters or {}).items():
+        callback.put(name, value, mi.ParamFlags.Differentiable)
+
+
 def _integrator_class() -> type[mi.SamplingIntegrator]:
     """Return the plugin's class for the variant that is set."""
 
@@ -116,6 +136,9 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
         Mitsuba hands over rays without their pixels and puts the film together itself. So phases
         of specular cones are random for every sample where the preset binds them to pixels, and
         the specular filter is left out: many samples a pixel do its work.
+        `mi.traverse` shows the parameters of the cones, and the picture has derivatives by them and
+        by what `vctgi.scene.derivatives` lists; Mitsuba's default `render_forward` and
+        `render_backward` go through `sample`.
         Does not: media, polarisation, sparse pixels.
         """
 
@@ -123,6 +146,8 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
             super().__init__(props)
             self.preset_name, self.config = _config_from_properties(props)
             self.direct = mi.load_dict({"type": "direct", "hide_emitters": self.hide_emitters})
+            self.parameters = _parameters_of(self.config)
+            self.has_own_values = False
             self.prepared: PreparedScene | None = None
             self.volume: VoxelVolume | None = None
 
@@ -171,11 +196,24 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
             normal = dr.select(gbuffer.is_valid, gbuffer.normal, 0.0)
             surface = [*gbuffer.albedo, *normal, as_component(gbuffer.depth)]
             if self.config.mode == "ambient":
-                open_share = gather_ambient(self.prepared, gbuffer, self.volume, self.config)
+                open_share = gather_ambient(
+                    self.prepared,
+                    gbuffer,
+                    self.volume,
+                    self.config,
+                    None,
+                    _live(self.parameters, has_own=self.has_own_values),
+                )
                 openness = as_component(open_share)
                 total = mi.Spectrum(gbuffer.albedo * openness)
                 return total, as_mask(gbuffer.is_valid), [openness, *surface]
-            light = gather_light(self.prepared, gbuffer, self.volume, self.config)
+            light = gather_light(
+                self.prepared,
+                gbuffer,
+                self.volume,
+                self.config,
+                _live(self.parameters, has_own=self.has_own_values),
+            )
             direct, is_valid, _ = self.direct.sample(scene, sampler, ray, medium, active)
             total = direct + light.diffuse + light.specular
             return total, is_valid, [*direct, *light.diffuse, *light.specular, *surface]
@@ -185,7 +223,12 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
             return AMBIENT_AOV_NAMES if self.config.mode == "ambient" else AOV_NAMES
 
         def traverse(self, callback: mi.TraversalCallback) -> None:
-            """Expose nothing yet: no parameter of the cones is differentiable."""
+            """Expose the parameters of the cones, as `vctgi.ConeParameters` names them."""
+            _exposed(callback, self.parameters)
+
+        def parameters_changed(self, keys: Sequence[str] = ()) -> None:
+            """Use the values that were set from now on."""
+            self.has_own_values = True
 
         def to_string(self) -> str:
             """One line for logs."""
@@ -196,4 +239,4 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
 
 def known_presets() -> list[str]:
     """Names that the property `preset` takes."""
-    return list(PRESETS)
+    return [*PRESETS, *shipped_presets()]

@@ -32,6 +32,7 @@ from vctgi.plan import plan_render
 from vctgi.prepared import PreparedScene as PreparedScene
 from vctgi.prepared import StageClock as StageClock
 from vctgi.prepared import no_clock as no_clock
+from vctgi.scene.derivatives import check_derivatives
 from vctgi.scene.emissive import list_emissive_surfaces
 from vctgi.scene.light_checks import check_lights
 from vctgi.scene.lights import list_lights
@@ -104,9 +105,12 @@ def prepare_scene(
     ------
     SceneError
         The scene has no light or no geometry, vertices that are not finite, or a light that cannot
-        shine: without a sensible power, an angle or an area, or inside geometry.
+        shine: without a sensible power, an angle or an area, or inside geometry. A parameter has
+        derivatives enabled that the picture has none by.
     """
     with clock("scene"):
+        is_cut = config.emission_in_voxels or config.sky_in_cones or config.sky_lighting == "cones"
+        check_derivatives(scene, ("radiance",) if is_cut else ())
         lights = [] if config.mode == "ambient" else list_lights(scene)
         if not lights and config.mode != "ambient":
             raise SceneError("no light", "the scene", "add an emitter")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import drjit as dr
 import mitsuba as mi
 
@@ -10,6 +12,7 @@ from vctgi.config import RenderConfig
 from vctgi.plan import Plan
 from vctgi.scene.records import FilmSample, GBuffer
 from vctgi.scene.sky import PrefilteredSky
+from vctgi.stages.cone_tracing.cone_values import ConeValues
 from vctgi.stages.cone_tracing.specular import trace_specular
 from vctgi.stages.cone_tracing.tally import SampleTally
 from vctgi.stages.reconstruction.denoising import filter_specular
@@ -23,6 +26,7 @@ def gather_specular(
     sky: PrefilteredSky | None = None,
     film: FilmSample | None = None,
     tally: SampleTally | None = None,
+    parameters: ConeValues | None = None,
 ) -> mi.Color3f:
     """Trace the specular cones of visible points, filter them, and weigh them with the surfaces.
 
@@ -42,6 +46,8 @@ def gather_specular(
         Where the points lie in the picture, if they are pixels.
     tally
         Counts what the cones read; None: nothing is counted.
+    parameters
+        Values that go before the numbers of `config`, for derivatives; None: those numbers.
 
     Returns
     -------
@@ -53,10 +59,15 @@ def gather_specular(
     ValueError
         A filter, or blue noise, for points that are not pixels.
     """
+    cones, points = config.specular, gbuffer
+    if parameters is not None:
+        scale = parameters["specular_aperture_scale"]
+        cones = replace(cones, aperture_scale=1.0)
+        points = replace(gbuffer, specular_aperture=gbuffer.specular_aperture * scale)
     light = trace_specular(
-        gbuffer,
+        points,
         volume,
-        config.specular,
+        cones,
         has_specular=plan.has_specular,
         has_passing=plan.has_passing,
         sky=sky,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 from pydantic import Field, JsonValue, ValidationError, model_validator
 
@@ -13,6 +13,8 @@ from experiments.errors import InputError
 from experiments.gate.scales import Estimate, estimate_from_bounds
 from experiments.gate.specification import AnyMetricGate, EffectGate, GateSpec, Settings
 from reports.record import Display, Machine, Record
+
+Model = TypeVar("Model", bound=Settings)
 
 
 class BaselineMetric(Settings):
@@ -162,9 +164,14 @@ def read_baseline(path: Path) -> Baseline | None:
     InputError
         When the file cannot be read or is not a baseline of this schema.
     """
+    return read_model(path, Baseline)
+
+
+def read_model(path: Path, model: type[Model]) -> Model | None:
+    """Read a file of one of the forms that baselines have; see `read_baseline`."""
     remedy = "take the file from git, or review a new one made by --update --reason TEXT"
     try:
-        return Baseline.model_validate_json(path.read_text(encoding="utf-8"))
+        return model.model_validate_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return None
     except OSError as error:

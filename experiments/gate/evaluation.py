@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Final, Protocol
 
 from experiments.errors import (
     EXIT_BAD_INPUT,
@@ -22,6 +22,7 @@ from experiments.gate.display import check_display, is_display_referred
 from experiments.gate.finding import Finding
 from experiments.gate.identity import check_finite, check_identity, require_as_asked
 from experiments.gate.kinds import check_metric
+from experiments.gate.noise import check_noise
 from experiments.gate.specification import GateSpec
 from reports.junit import Verdict
 from reports.record import Record
@@ -31,6 +32,18 @@ ERROR: Final = "error"
 REFUSED: Final = "refused"
 """Kind of a verdict about the input: a tolerance, a metric or a file that cannot be used."""
 UPDATE_COMMAND: Final = "vctgi gate --update --reason TEXT"
+
+
+class Gated(Protocol):
+    """What a verdict names: a gate, and what it is filed under."""
+
+    @property
+    def name(self) -> str:
+        """Name of the gate."""
+
+    @property
+    def scene(self) -> str:
+        """The scene, or the study."""
 
 
 def evaluate(
@@ -57,7 +70,7 @@ def evaluate(
     Returns
     -------
     list of Verdict
-        In the order finite, exact, metrics, budgets. A check that could not be made gives a
+        In the order finite, noise, exact, metrics, budgets. A check that could not be made gives a
         verdict of kind `error` (machinery) or `refused` (input) instead of raising.
     """
     judge = partial(verdict_of, gate)
@@ -65,9 +78,11 @@ def evaluate(
     asked = judge("request", partial(_as_asked, record, gate))
     if not asked.passed:
         return [*verdicts, asked]
-    checks: list[tuple[str, Callable[[], Finding | None]]] = []
+    checks: list[tuple[str, Callable[[], Finding | None]]] = [
+        ("noise", partial(check_noise, record, gate))
+    ]
     if baseline is None:
-        checks.append(("baseline", partial(_missing_baseline, update_command)))
+        checks.append(("baseline", partial(missing_baseline, update_command)))
     else:
         checks += [(n, partial(_found, f)) for n, f in check_identity(record, baseline).items()]
         if any(is_display_referred(metric_gate.metric) for metric_gate in gate.metrics):
@@ -80,7 +95,7 @@ def evaluate(
             item = f"time of {budget.stage}"
             checks.append((item, partial(check_budget, budget, record, baseline)))
     for item, check in checks:
-        verdict = _verdict_or_none(gate, item, check)
+        verdict = verdict_or_none(gate, item, check)
         if verdict is not None:
             verdicts.append(verdict)
     return verdicts
@@ -100,14 +115,14 @@ def exit_code(verdicts: Sequence[Verdict]) -> int:
     return EXIT_MACHINERY if ERROR in failed else EXIT_DONE
 
 
-def verdict_of(gate: GateSpec, item: str, check: Callable[[], Finding]) -> Verdict:
+def verdict_of(gate: Gated, item: str, check: Callable[[], Finding]) -> Verdict:
     """Make one check and tie its finding to a gate; see `evaluate` for checks that raise."""
-    verdict = _verdict_or_none(gate, item, check)
+    verdict = verdict_or_none(gate, item, check)
     assert verdict is not None, f"the check of {item} found nothing"
     return verdict
 
 
-def failed_verdict(gate: GateSpec, item: str, error: Exception, seconds: float) -> Verdict:
+def failed_verdict(gate: Gated, item: str, error: Exception, seconds: float) -> Verdict:
     """Turn what a check or a render raised into a verdict of kind `refused` or `error`."""
     is_input = isinstance(error, InputError)
     expected = isinstance(error, InputError | MachineryError)
@@ -123,9 +138,8 @@ def failed_verdict(gate: GateSpec, item: str, error: Exception, seconds: float) 
     )
 
 
-def _verdict_or_none(
-    gate: GateSpec, item: str, check: Callable[[], Finding | None]
-) -> Verdict | None:
+def verdict_or_none(gate: Gated, item: str, check: Callable[[], Finding | None]) -> Verdict | None:
+    """`verdict_of` for a check that may have nothing to say."""
     start = time.perf_counter()
     try:
         finding = check()
@@ -155,7 +169,8 @@ def _as_asked(record: Record, gate: GateSpec) -> Finding:
     return Finding(kind="exact", passed=True, value=None, limit=asked, message="as asked")
 
 
-def _missing_baseline(update_command: str) -> Finding:
+def missing_baseline(update_command: str) -> Finding:
+    """Fail for want of a baseline, and say how one is made."""
     return Finding(
         kind="baseline",
         passed=False,

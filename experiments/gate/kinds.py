@@ -13,7 +13,7 @@ from experiments.gate.equality import (
     require_power,
 )
 from experiments.gate.finding import UPDATE_REMEDY, Finding, find_metric
-from experiments.gate.scales import Band, Scale, metric_from_axis
+from experiments.gate.scales import Scale, band_text, metric_from_axis
 from experiments.gate.specification import (
     Absolute,
     AnyMetricGate,
@@ -59,7 +59,7 @@ def check_metric(gate: AnyMetricGate, record: Record, baseline: Baseline | None)
     """
     metric = find_metric(record, gate.metric, gate.component)
     if baseline is None:
-        return _within(gate, metric, None) if isinstance(gate, Absolute) else None
+        return check_band(gate, metric, None) if isinstance(gate, Absolute) else None
     entry = baseline.metric_for(gate)
     stale = _stale(gate, record, metric, baseline, entry)
     if stale is not None or entry is None:
@@ -68,7 +68,7 @@ def check_metric(gate: AnyMetricGate, record: Record, baseline: Baseline | None)
         return _same_number(metric, entry)
     if isinstance(gate, Equal):
         return _equal(gate, record, metric, baseline, entry)
-    return _within(gate, metric, entry)
+    return check_band(gate, metric, entry)
 
 
 def _stale(
@@ -111,10 +111,10 @@ def _same_number(metric: MetricValue, entry: BaselineMetric) -> Finding:
     )
 
 
-def _within(
+def check_band(
     gate: Absolute | NonInferior, metric: MetricValue, entry: BaselineMetric | None
 ) -> Finding:
-    """Compare an interval with the band that the gate allows."""
+    """Compare an interval with the band that the gate allows; see `check_metric` for errors."""
     estimate = estimate_of(gate, metric)
     margin = float("inf")
     if entry is None:
@@ -128,7 +128,7 @@ def _within(
     outcome = decide(estimate, band, margin)
     measured = _interval_text(gate.scale, estimate.value, estimate.low, estimate.high)
     baseline_text = "" if entry is None else f"; baseline {_entry_text(entry)}"
-    limit = _band_text(gate.scale, band)
+    limit = band_text(gate.scale, band)
     if outcome == "undecided":
         raise MachineryError(
             f"{measured} lies across the limit ({limit}) and is too wide to decide{baseline_text}",
@@ -180,13 +180,3 @@ def _interval_text(scale: Scale, value: float, low: float, high: float) -> str:
 
 def _entry_text(entry: BaselineMetric) -> str:
     return f"{entry.value:.5g} [{entry.low:.5g}, {entry.high:.5g}]"
-
-
-def _band_text(scale: Scale, band: Band) -> str:
-    """Spell the band out in the metric's own unit."""
-    limits = sorted(metric_from_axis(scale, limit) for _, limit in band.sides())
-    if len(limits) == 2:
-        return f"interval within [{limits[0]:.5g}, {limits[1]:.5g}]"
-    if scale == "similarity":
-        return f"lower bound >= {limits[0]:.5g}"
-    return f"upper bound <= {limits[0]:.5g}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from experiments.errors import InputError, MachineryError
 from experiments.gate.finding import Finding, find_metric
-from experiments.gate.scales import Estimate, estimate_from_bounds
+from experiments.gate.scales import Estimate, Scale, estimate_from_bounds
 from experiments.gate.specification import Order
 from reports.record import Record
 
@@ -33,18 +33,32 @@ def check_order(order: Order, better: Record, worse: Record) -> Finding:
     """
     near, far = _badness(order, better), _badness(order, worse)
     value = find_metric(better, order.metric, order.component).value
-    text = f"{order.better} {_text(near)}, {order.worse} {_text(far)} (distance from ideal)"
+    return compare_order(order.name, (order.better, near), (order.worse, far), value)
+
+
+def compare_order(
+    name: str, better: tuple[str, Estimate], worse: tuple[str, Estimate], value: float
+) -> Finding:
+    """Compare two intervals, each with what it is of; see `check_order`.
+
+    Raises
+    ------
+    MachineryError
+        When the intervals overlap.
+    """
+    near, far = better[1], worse[1]
+    text = f"{better[0]} {_text(near)}, {worse[0]} {_text(far)} (distance from ideal)"
     if near.low <= far.high and far.low <= near.high:
         raise MachineryError(
             f"the intervals overlap: {text}",
-            f"order {order.name}",
-            "raise the reference samples, or compare two presets that lie further apart",
+            f"order {name}",
+            "raise the samples, or compare two that lie further apart",
         )
     return Finding(
         kind="order",
         passed=near.high < far.low,
         value=value,
-        limit=f"{order.better} below {order.worse}",
+        limit=f"{better[0]} below {worse[0]}",
         message=text,
     )
 
@@ -57,7 +71,12 @@ def _badness(order: Order, record: Record) -> Estimate:
         raise InputError("the metric has no interval", where, "order one that has")
     low, high = metric.interval.low, metric.interval.high
     estimate = estimate_from_bounds(order.scale, metric.value, low, high, where)
-    if order.scale != "ratio":
+    return distance_from_ideal(order.scale, estimate)
+
+
+def distance_from_ideal(scale: Scale, estimate: Estimate) -> Estimate:
+    """Return how bad an estimate on an axis is: the size of a ratio's logarithm, others as is."""
+    if scale != "ratio":
         return estimate
     ends = sorted((abs(estimate.low), abs(estimate.high)))
     nearest = 0.0 if estimate.low <= 0.0 <= estimate.high else ends[0]

@@ -16,9 +16,11 @@ from experiments.errors import InputError, MachineryError
 from experiments.gate.baseline import baseline_path, read_baseline
 from experiments.gate.evaluation import evaluate, exit_code, failed_verdict, verdict_of
 from experiments.gate.finding import Finding
+from experiments.gate.gates_file import GatesFile, load_gates
 from experiments.gate.mutants import check_mutants
 from experiments.gate.order import check_order
-from experiments.gate.specification import GatesFile, GateSpec, load_gates
+from experiments.gate.specification import GateSpec
+from experiments.gate.study_run import MeasureStudy, judge_study, not_measured
 from experiments.gate.summary import github_annotations, markdown_summary
 from experiments.gate.update import update_baselines
 from reports.junit import Verdict, write_junit
@@ -44,6 +46,7 @@ class GateRun:
 def run_gate(
     gates_file: Path,
     render: Render,
+    measure: MeasureStudy = not_measured,
     *,
     junit: Path | None = None,
     markdown: Path | None = None,
@@ -62,6 +65,8 @@ def run_gate(
     render
         Renders what a gate asks for. What it raises is the verdict of that gate, kind `refused`
         for an InputError and `error` for all else; the other gates go on.
+    measure
+        Measures what a gate asks of a study, in the same way.
     junit, markdown
         Files to write: all verdicts as JUnit XML; the failures as Markdown.
     update_reason
@@ -81,7 +86,7 @@ def run_gate(
     MachineryError
         When a report cannot be written.
     """
-    result = check_gates(gates_file, render, update_reason=update_reason, mutants=mutants)
+    result = check_gates(gates_file, render, measure, update_reason=update_reason, mutants=mutants)
     try:
         if junit is not None:
             write_junit(result.verdicts, junit)
@@ -105,7 +110,12 @@ def run_gate(
 
 
 def check_gates(
-    gates_file: Path, render: Render, *, update_reason: str | None = None, mutants: bool = False
+    gates_file: Path,
+    render: Render,
+    measure: MeasureStudy = not_measured,
+    *,
+    update_reason: str | None = None,
+    mutants: bool = False,
 ) -> GateRun:
     """Do the work of `run_gate` without writing any report.
 
@@ -136,6 +146,10 @@ def check_gates(
             verdicts.append(verdict_of(gate, "baseline", update))
     if update_reason is None:
         verdicts += _orders(content, records)
+    for study in content.studies:
+        verdicts += judge_study(
+            study, measure, folder, command, update_reason=update_reason, mutants=mutants
+        )
     return GateRun(tuple(verdicts), command)
 
 

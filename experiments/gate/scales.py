@@ -94,3 +94,13 @@ def estimate_from_noise(scale: Scale, value: float, noise: float, where: str) ->
     position = axis_from_metric(scale, value, where)
     half_width = math.log1p(noise) if scale == "ratio" else noise * abs(position)
     return Estimate(position, position - half_width, position + half_width)
+
+
+def band_text(scale: Scale, band: Band) -> str:
+    """Spell the band out in the metric's own unit."""
+    limits = sorted(metric_from_axis(scale, limit) for _, limit in band.sides())
+    if len(limits) == 2:
+        return f"interval within [{limits[0]:.5g}, {limits[1]:.5g}]"
+    if scale == "similarity":
+        return f"lower bound >= {limits[0]:.5g}"
+    return f"upper bound <= {limits[0]:.5g}"

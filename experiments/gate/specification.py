@@ -1,15 +1,13 @@
-"""What `gates.toml` may say: which scenes are held to which kinds of gate and tolerances."""
+"""What `gates.toml` may say of a scene: its kinds of gate and their tolerances."""
 
 from __future__ import annotations
 
 import math
-import tomllib
-from pathlib import Path
+from collections.abc import Iterable
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from experiments.errors import InputError
 from experiments.gate.scales import Scale
 
 SMALL_EFFECT: Final[dict[Scale, float]] = {"ratio": 0.05, "error": 0.10, "similarity": 0.10}
@@ -21,6 +19,13 @@ error that doubles must not slip through it."""
 SLOWDOWN: Final = 2.0
 """Weakest fault that `budget` must catch: a stage that takes twice its time."""
 
+COUNTERPARTS: Final = {
+    "dark_excess": "missing_energy",
+    "leak": "missing_light",
+    "leak_through": "missing_light",
+    "leak_wrong_face": "missing_light",
+}
+"""What must be gated beside a measure of leaking: cones that see less also leak less."""
 
 Noise = Annotated[float | None, Field(ge=0.0, lt=1.0)]
 """Relative half-width for a metric that comes without interval, measured over seeds."""
@@ -152,6 +157,9 @@ class GateSpec(Settings):
     width: int = Field(ge=1)
     height: int = Field(ge=1)
     reference_spp: int = Field(ge=1)
+    smallest_difference: float | None = Field(default=None, gt=0.0)
+    """Smallest relMSE between picture and reference that the gate must be able to see; None for the
+    one that the record finds. The reference's noise must lie ten times below it."""
     metrics: tuple[AnyMetricGate, ...] = Field(alias="metric", min_length=1, strict=False)
     budgets: tuple[Budget, ...] = Field(alias="budget", default=(), strict=False)
 
@@ -162,6 +170,7 @@ class GateSpec(Settings):
         repeated = {name for name in names if names.count(name) > 1}
         if repeated:
             raise ValueError(f"gate {self.name!r} lists {min(repeated)} more than once")
+        require_counterparts((gate.component, gate.metric) for gate in self.metrics)
         return self
 
 
@@ -177,32 +186,6 @@ class Order(Settings):
     scale: Scale = "error"
 
 
-class GatesFile(Settings):
-    """All of `gates.toml`."""
-
-    schema_version: Literal[1]
-    baselines: str = "."
-    """Folder of the baseline files, relative to the gates file."""
-    gates: tuple[GateSpec, ...] = Field(alias="gate", min_length=1, strict=False)
-    orders: tuple[Order, ...] = Field(alias="order", default=(), strict=False)
-
-    @model_validator(mode="after")
-    def _names_are_unique_and_known(self) -> GatesFile:
-        names = [gate.name for gate in self.gates]
-        everything = names + [order.name for order in self.orders]
-        repeated = {name for name in everything if everything.count(name) > 1}
-        if repeated:
-            raise ValueError(f"the name {min(repeated)!r} is given more than once")
-        for order in self.orders:
-            unknown = {order.better, order.worse} - set(names)
-            if unknown or order.better == order.worse:
-                raise ValueError(
-                    f"order {order.name!r} must name two different gates of {sorted(names)}, got "
-                    f"better {order.better!r}, worse {order.worse!r}"
-                )
-        return self
-
-
 def default_effect(gate: EffectGate) -> float:
     """Relative change by the weakest fault that every gate of this kind and scale must catch."""
     return (LARGE_EFFECT if isinstance(gate, Absolute) else SMALL_EFFECT)[gate.scale]
@@ -213,34 +196,24 @@ def weakest_effect(gate: EffectGate) -> float:
     return default_effect(gate) if gate.effect is None else gate.effect
 
 
-def load_gates(path: Path) -> GatesFile:
-    """Read and check a `gates.toml`.
+def require_counterparts(gated: Iterable[tuple[str, str]]) -> None:
+    """Refuse a gate on leaking that has none on missing light beside it.
+
+    Parameters
+    ----------
+    gated
+        What the numbers are of, and their names.
 
     Raises
     ------
-    InputError
-        When the file is missing, is not TOML, or has an unknown key, a wrong type, a tolerance
-        wider than its mutant or a name twice; the message names the key.
+    ValueError
+        The counterpart of a number is not gated.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(
-            f"cannot read the gates file ({error.strerror})", str(path), "give the path of one"
-        ) from error
-    except ValueError as error:
-        raise InputError(f"not TOML ({error})", str(path), "mend the line named") from error
-    try:
-        return GatesFile.model_validate(content)
-    except ValidationError as error:
-        raise InputError(
-            _first_fault(error), str(path), "see experiments/gate/README.md for the keys"
-        ) from error
-
-
-def _first_fault(error: ValidationError) -> str:
-    fault = error.errors(include_url=False)[0]
-    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in fault["loc"])
-    message = "unknown key" if fault["type"] == "extra_forbidden" else fault["msg"]
-    others = error.error_count() - 1
-    return f"{key.lstrip('.') or 'the file'}: {message}" + (f" (+{others} more)" if others else "")
+    found = set(gated)
+    for subject, name in sorted(found):
+        counterpart = COUNTERPARTS.get(name)
+        if counterpart is not None and (subject, counterpart) not in found:
+            raise ValueError(
+                f"{name} of {subject} needs a gate on {counterpart} beside it: too much "
+                "occlusion would pass as less leaking"
+            )

@@ -21,8 +21,15 @@ from experiments.gate.budget import find_time
 from experiments.gate.evaluation import ERROR, evaluate
 from experiments.gate.finding import find_metric
 from experiments.gate.scales import metric_from_axis
-from experiments.gate.specification import Absolute, AnyMetricGate, GateSpec, NonInferior
+from experiments.gate.specification import (
+    Absolute,
+    AnyMetricGate,
+    GateSpec,
+    NonInferior,
+    Settings,
+)
 from experiments.gate.tolerance import estimate_of
+from reports.junit import Verdict
 from reports.record import Record
 
 DEFAULT_LEVEL = 0.95
@@ -65,7 +72,7 @@ def update_baselines(
         _require_own_record_passes(gate, record, record_path, baseline)
         written.append((baseline_path(folder, gate, record.machine.backend), baseline))
     for path, baseline in written:
-        _write(path, baseline)
+        write_model(path, baseline)
     return [path for path, _ in written]
 
 
@@ -135,7 +142,18 @@ def _require_own_record_passes(
     gate: GateSpec, record: Record, record_path: Path, baseline: Baseline
 ) -> None:
     """Refuse what would fail at once, or what fails to gate: the checks are those of the gate."""
-    for verdict in evaluate(record, record_path, gate, baseline):
+    refuse_failing(evaluate(record, record_path, gate, baseline))
+
+
+def refuse_failing(verdicts: Iterable[Verdict]) -> None:
+    """Refuse to make a baseline from what fails a verdict.
+
+    Raises
+    ------
+    InputError, MachineryError
+        A verdict has failed, or could not be reached.
+    """
+    for verdict in verdicts:
         if verdict.passed:
             continue
         error_class = MachineryError if verdict.kind == ERROR else InputError
@@ -146,8 +164,14 @@ def _require_own_record_passes(
         )
 
 
-def _write(path: Path, baseline: Baseline) -> None:
-    """Replace the file in one step, so that no reader meets half a baseline."""
+def write_model(path: Path, baseline: Settings) -> None:
+    """Replace the file in one step, so that no reader meets half a baseline.
+
+    Raises
+    ------
+    MachineryError
+        It cannot be written.
+    """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

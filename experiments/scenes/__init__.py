@@ -7,3 +7,4 @@ from experiments.scenes.catalogue import SceneEntry as SceneEntry
 from experiments.scenes.catalogue import describe as describe
 from experiments.scenes.loading import LoadedScene as LoadedScene
 from experiments.scenes.loading import load_scene as load_scene
+from experiments.scenes.loading import scene_file_name as scene_file_name

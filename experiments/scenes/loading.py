@@ -183,13 +183,23 @@ def _load_xml(path: Path, parameters: dict[str, str]) -> _Draft:
         raise input_error(error, str(path)) from error
     folder = path.resolve().parent
     notes = read_notes(folder)
-    name = path.stem
-    if path.stem == "scene" or path.stem.startswith("scene_"):
-        name = (folder.name + path.stem.removeprefix("scene")).replace("_", "-")
     title = notes.title
     if title and path.stem != "scene":
         title = f"{title} ({path.stem.removeprefix('scene_').replace('_', ' ')})"
-    return _Draft(loaded=loaded, name=name, title=title, purpose=notes.purpose, credit=notes.credit)
+    return _Draft(
+        loaded=loaded,
+        name=scene_file_name(path),
+        title=title,
+        purpose=notes.purpose,
+        credit=notes.credit,
+    )
+
+
+def scene_file_name(path: Path) -> str:
+    """Return the name of a scene by its file, or by its folder where files are called ``scene``."""
+    if path.stem == "scene" or path.stem.startswith("scene_"):
+        return (path.resolve().parent.name + path.stem.removeprefix("scene")).replace("_", "-")
+    return path.stem
 
 
 def _has_crop_window(sensor: mi.Sensor) -> bool:

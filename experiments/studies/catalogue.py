@@ -8,6 +8,7 @@ from typing import Protocol, cast
 
 from experiments.errors import InputError
 from experiments.studies.check import Check
+from reports.study_figures import Definition
 
 
 class StudyModule(Protocol):
@@ -66,6 +67,14 @@ STUDIES = {
         "experiments.studies.stability",
         "Do stiff and extreme scenes and settings still give sound light?",
     ),
+    "validation": StudyEntry(
+        "experiments.studies.validation",
+        "Do the metrics of artefacts find what is there, and nothing else?",
+    ),
+    "derivatives": StudyEntry(
+        "experiments.studies.derivatives",
+        "Are the picture's derivatives those of differences, and what do they cost?",
+    ),
 }
 """Studies by name."""
 
@@ -93,6 +102,11 @@ def checks_of(entry: StudyEntry) -> list[Check]:
     repeated = {name for name in names if names.count(name) > 1}
     assert not repeated, f"{entry.module}: checks of one name: {sorted(repeated)}"
     return found
+
+
+def definitions_of(entry: StudyEntry) -> list[Definition]:
+    """Return what the numbers of a study are, where its module says so in ``DEFINITIONS``."""
+    return list(getattr(import_module(entry.module), "DEFINITIONS", ()))
 
 
 def select_checks(found: list[Check], only: str | None, *, quick: bool = False) -> list[Check]:

@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TypeVar, cast
 
 import numpy as np
 from scipy.special import stdtrit
+
+from experiments.studies.figures import FigureShelf, Point
 
 Shared = TypeVar("Shared")
 
@@ -40,15 +41,15 @@ class StudyContext:
         Whether the smaller version of the study runs, at most a minute in all on two cores.
     progress
         Takes a step and the share of it that is done, in [0, 1].
-    output
-        Folder for pictures and other files, made already, or None where none are wanted.
+    shelf
+        Takes figures for the record and the page of the study.
     scene
         The scene that the user asked for, or None: then each study has its own.
     """
 
     quick: bool
     progress: Callable[[str, float], None]
-    output: Path | None = None
+    shelf: FigureShelf = field(default_factory=FigureShelf)
     scene: str | None = None
     _found: dict[str, object] = field(default_factory=dict)
 
@@ -77,6 +78,10 @@ class Check:
         What one would like to see; it decides nothing.
     in_quick
         Whether the quick version of the study measures it, too.
+    is_headline
+        Whether it is read first.
+    points
+        Where it stands on curves of the study's page.
     """
 
     name: str
@@ -87,6 +92,8 @@ class Check:
     limit_high: float | None = None
     goal: float | None = None
     in_quick: bool = True
+    is_headline: bool = False
+    points: tuple[Point, ...] = ()
 
 
 def mean_of(values: Sequence[float]) -> Measured:

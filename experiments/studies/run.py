@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from experiments.studies.check import Check, Measured, StudyContext
 from experiments.studies.ledger import Ledger
+from reference import NoisyReferenceError
 from reports.study_record import StudyRow, is_within
 
 
@@ -30,11 +31,35 @@ def run_checks(
         Whether numbers that are in the ledger are taken from it.
     """
     for check in chosen:
-        measured = ledger.find(check) if resume else None
-        if measured is None:
-            measured = check.measure(context)
-            ledger.add(check, measured)
-        yield make_row(study, check, measured)
+        kept = ledger.find(check) if resume else None
+        if kept is not None:
+            yield make_row(study, check, kept)
+            continue
+        yield measured_row(study, check, context, ledger.add)
+
+
+def measured_row(
+    study: str,
+    check: Check,
+    context: StudyContext,
+    keep: Callable[[Check, Measured], None] = lambda _check, _found: None,
+) -> StudyRow:
+    """Measure a check and return its row; a comparison below the noise gives a row that says so.
+
+    Parameters
+    ----------
+    study, check, context
+        As for `run_checks`.
+    keep
+        Told of a number that was measured.
+    """
+    try:
+        found = check.measure(context)
+    except NoisyReferenceError as error:
+        row = make_row(study, check, Measured(value=math.nan))
+        return row.model_copy(update={"refused": " ".join(str(error).split())})
+    keep(check, found)
+    return make_row(study, check, found)
 
 
 def make_row(study: str, check: Check, measured: Measured) -> StudyRow:

@@ -22,8 +22,14 @@ def row_line(row: StudyRow) -> str:
         interval,
         _limits(row.limit_low, row.limit_high),
         _number(row.goal),
-        "passed" if row.passed else "FAILED",
+        _verdict(row),
     )
+
+
+def _verdict(row: StudyRow) -> str:
+    if row.refused:
+        return f"REFUSED: {row.refused}"
+    return "passed" if row.passed else "FAILED"
 
 
 def _line(*cells: str) -> str:

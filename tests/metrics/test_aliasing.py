@@ -18,6 +18,7 @@ from metrics.aliasing import (
 )
 from metrics.energy import energy_ratio
 from metrics.measurement import Measurement
+from metrics.synthetic import SteadySweep, gaussian_noise, steady_sweep
 from metrics.voxel_period import voxel_period_rms, voxel_period_share
 
 PHASES, PERIODS, RECEIVERS, BATCHES = 16, 2, 60, 6
@@ -33,30 +34,28 @@ NOISE = 0.02
 
 @dataclass(frozen=True)
 class Sweep:
-    """A smooth truth [frame, receiver, rgb], and where the light is in each frame."""
+    """A sweep of known light, and noisy references of it."""
 
-    places: NDArray[np.float64]
-    truth: NDArray[np.float64]
+    known: SteadySweep
+
+    @property
+    def places(self) -> NDArray[np.float64]:
+        return self.known.places
+
+    @property
+    def truth(self) -> NDArray[np.float64]:
+        return self.known.truth
 
     def batches(self, noise: float = NOISE, seed: int = 0) -> NDArray[np.float64]:
-        rng = np.random.default_rng(seed)
-        return self.truth[None] * (1.0 + noise * rng.normal(size=(BATCHES, *self.truth.shape)))
+        return self.known.batches(BATCHES, gaussian_noise(noise), seed)
 
     def rippled(self, amplitude: float = AMPLITUDE, period: float = 1.0) -> NDArray[np.float64]:
-        """Return the truth and waves, each receiver's with a phase of its own."""
-        phase = np.linspace(0.0, 2.0 * np.pi, RECEIVERS, endpoint=False)[None, :, None]
-        wave = np.sin(2.0 * np.pi * self.places[:, None, None] / period + phase)
-        found: NDArray[np.float64] = self.truth + amplitude * self.truth.mean() * wave
-        return found
+        return self.known.rippled(amplitude, period)
 
 
 @pytest.fixture(scope="module")
 def sweep() -> Sweep:
-    places = np.arange(FRAMES) / PHASES
-    rng = np.random.default_rng(3)
-    bright, slope, bend = rng.uniform(0.5, 1.5, (3, RECEIVERS, 3))
-    along = places[:, None, None] / PERIODS
-    return Sweep(places, bright + 0.05 * slope * along - 0.03 * bend * along**2)
+    return Sweep(steady_sweep(PHASES, PERIODS, RECEIVERS))
 
 
 def holds(found: Measurement, expected: float) -> bool:

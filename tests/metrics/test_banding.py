@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from metrics.banding import TILE_EDGE, phase_spread, structured_power, structured_share
+from metrics.synthetic import march_cycles
 
 SIZE = 64
 
@@ -18,10 +19,7 @@ deviation near 0.003."""
 
 def cycles(per_pixel: float, degrees: float = 30.0) -> NDArray[np.float64]:
     """Phase of a march whose bands have this frequency and direction."""
-    y, x = np.mgrid[0:SIZE, 0:SIZE]
-    angle = np.deg2rad(degrees)
-    found: NDArray[np.float64] = per_pixel * (np.cos(angle) * x + np.sin(angle) * y)
-    return found
+    return march_cycles(SIZE, per_pixel, degrees)
 
 
 def bands(per_pixel: float, harmonic: int = 1, degrees: float = 30.0) -> NDArray[np.float64]:

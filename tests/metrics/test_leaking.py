@@ -15,6 +15,7 @@ from metrics.leaking import (
     sealed_room_ratio,
     share_of_choices,
 )
+from metrics.synthetic import half_dark_light
 
 BATCHES, EDGE = 6, 24
 
@@ -23,10 +24,9 @@ NOISE = 0.05
 """Standard deviation of a batch's truth."""
 
 
-def light(seed: int = 1) -> NDArray[np.float64]:
+def light() -> NDArray[np.float64]:
     """Return what a picture should hold: the right half is dark."""
-    lit = 1.0 + np.random.default_rng(seed).uniform(size=(EDGE, EDGE))
-    return np.where(np.arange(EDGE) < EDGE // 2, lit, 0.0)
+    return half_dark_light(EDGE)
 
 
 def audit_of(

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from metrics.moving_bands import LEAST_PHASES, MovingBands, moving_bands, ratio_of_bands
+from metrics.synthetic import march_cycles
 
 SIZE = 64
 
@@ -29,10 +30,7 @@ CHANCE = 4.0
 
 
 def cycles(per_pixel: float = 0.2, degrees: float = 30.0) -> NDArray[np.float64]:
-    y, x = np.mgrid[0:SIZE, 0:SIZE]
-    angle = np.deg2rad(degrees)
-    found: NDArray[np.float64] = per_pixel * (np.cos(angle) * x + np.sin(angle) * y)
-    return found
+    return march_cycles(SIZE, per_pixel, degrees)
 
 
 def banded(strength: float = STRENGTH, harmonic: int = 1, sign: float = 1.0) -> NDArray[np.float64]:

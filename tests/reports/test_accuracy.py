@@ -119,7 +119,7 @@ def test_everything_that_a_record_holds_is_shown(write: Write) -> None:
         "mitsuba 3.9.1",
         "55 cd m",
         "[0.9260 to 0.9364]",
-        "below the noise floor",
+        "below the noise",
         "no interval",
         "of pixels lie beyond it",
         '"aperture": 0.6',

@@ -2,77 +2,23 @@
 
 from __future__ import annotations
 
-import json
-import re
-import shutil
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from reports.accuracy import accuracy_report, write_accuracy_report
 from reports.pictures import srgb_from_linear
 from reports.record import load_image, read_record
+from tests.reports.chromium import content_width, needs_chromium, opened, probed
 
 Write = Callable[..., Path]
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="headless Chromium is missing: install the package chromium"
-)
-
-TIME_LIMIT_S = 120.0
+pytestmark = needs_chromium
 
 CODE_TOLERANCE = 2
 """8-bit codes: linear values are embedded to 0.4 % (7 mantissa bits), at most 1.2 codes of sRGB,
 and each side rounds once."""
-
-
-def opened(page: Path, profile: Path, *flags: str) -> tuple[str, str]:
-    """Document after the script ran, and what the console said."""
-    assert CHROMIUM is not None
-    command = [
-        CHROMIUM,
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--disable-quic",
-        "--no-first-run",
-        "--disable-background-networking",
-        "--disable-component-update",
-        "--disable-sync",
-        "--hide-scrollbars",
-        "--enable-logging=stderr",
-        "--v=0",
-        f"--user-data-dir={profile}",
-        "--virtual-time-budget=10000",
-        *flags,
-        "--dump-dom",
-        page.as_uri(),
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=TIME_LIMIT_S, check=True)
-    console = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-    return done.stdout, "\n".join(console)
-
-
-def probed(page: Path, profile: Path, script: str, *flags: str) -> Any:
-    """Run a script, the body of an async function, at the end of a page; return its result."""
-    text = page.read_text(encoding="utf-8")
-    probe = (
-        "<script>(async () => { document.body.dataset.probe = JSON.stringify(await (async () => {"
-        f"{script}"
-        "})()); })();</script></body>"
-    )
-    copy = page.with_name("probed.html")
-    copy.write_text(text.replace("</body>", probe), encoding="utf-8")
-    document, console = opened(copy, profile, *flags)
-    assert console == ""
-    found = re.search(r'<body data-probe="([^"]*)"', document)
-    assert found is not None, "the probe did not finish"
-    return json.loads(found.group(1).replace("&quot;", '"'))
 
 
 @pytest.fixture
@@ -95,21 +41,7 @@ def test_the_page_opens_without_a_word_on_the_console(page: Path, tmp_path: Path
 
 @pytest.mark.parametrize("width", [400, 1400])
 def test_nothing_is_wider_than_the_window(page: Path, tmp_path: Path, width: int) -> None:
-    # In a frame, because a headless window has at least 500 pixels.
-    message = "<script>parent.postMessage([document.documentElement.scrollWidth, innerWidth], '*')"
-    framed = page.with_name("framed.html")
-    text = page.read_text(encoding="utf-8")
-    framed.write_text(text.replace("</body>", f"{message}</script></body>"), encoding="utf-8")
-    outer = page.with_name("outer.html")
-    outer.write_text(
-        "<!DOCTYPE html><body><script>addEventListener('message', (event) => "
-        "{ document.body.dataset.widths = event.data; })</script>"
-        f'<iframe width="{width}" height="900" style="border: 0" src="framed.html"></iframe>',
-        encoding="utf-8",
-    )
-    document, console = opened(outer, tmp_path / "profile", "--window-size=1600,1000")
-    assert console == ""
-    assert f'data-widths="{width},{width}"' in document
+    assert content_width(page, tmp_path / "profile", width) == width
 
 
 def test_keys_and_buttons_flip_and_slide(page: Path, tmp_path: Path) -> None:

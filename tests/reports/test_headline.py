@@ -11,9 +11,10 @@ from reports.headline import (
     frame_seconds,
     interval_text,
     is_below_noise,
+    noise_bound,
     number,
 )
-from reports.record import Interval, MetricValue, Record, StageTime
+from reports.record import Interval, MetricValue, NoiseFloor, Record, StageTime
 
 
 def metric(name: str, value: float = 0.5, interval: Interval | None = None) -> MetricValue:
@@ -81,6 +82,21 @@ def test_only_an_error_whose_interval_reaches_zero_is_below_the_noise() -> None:
     assert is_below_noise(metric("mse", -0.1, Interval(low=-0.2, high=0.1)))
     assert not is_below_noise(metric("mse", 0.1, Interval(low=0.05, high=0.2)))
     assert not is_below_noise(metric("mse", -0.1))
+
+
+def test_what_noise_hides_lies_under_the_larger_bound(make_record: Callable[..., Record]) -> None:
+    record = make_record({})
+    assert record.reference is not None
+    floors = {"image": NoiseFloor(value=0.01, upper=0.02)}
+    record = record.model_copy(
+        update={"reference": record.reference.model_copy(update={"noise_floors": floors})}
+    )
+    tight = Interval(low=0.005, high=0.015)
+    assert noise_bound(metric("relmse_e2", 0.01, tight), record) == 0.02
+    assert noise_bound(metric("relmse_e2", 0.03, Interval(low=0.025, high=0.04)), record) is None
+    assert noise_bound(metric("mse", 0.01, tight), record) is None
+    assert noise_bound(metric("mse", 0.01, Interval(low=-0.1, high=0.3)), record) == 0.3
+    assert noise_bound(metric("mse", 0.0, Interval(low=0.0, high=0.0)), record) is None
 
 
 def test_a_frame_is_the_sum_of_its_stages_unless_it_was_timed_whole(

@@ -178,10 +178,15 @@ def pack_volume(
     ValueError
         The format cannot hold what is there: emittance above the scale or the largest number, or
         where there is no opacity, or numbers that are none; a texture of too many layers; a texture
-        without CUDA.
+        without CUDA; values with derivatives, in another format than "float32".
     """
     layout = opacity.layout
     assert layout == emittance.layout, "opacity and emittance must share one layout"
+    if config.format != "float32" and dr.grad_enabled(opacity.levels, emittance.levels):
+        raise ValueError(
+            f'StorageConfig.format "{config.format}" has no derivatives, and the voxels have: '
+            'use "float32", or detach what they follow from.'
+        )
     is_texture = config.format == "texture16"
     if is_texture and dr.backend_v(mi.Float) != dr.JitBackend.CUDA:
         raise ValueError(

@@ -158,6 +158,8 @@ def _measure_lobes(
         body=add_sample,
         labels=("number", "lobes"),
         label="measure_lobes",
+        # A sum of samples that do not know each other needs no memory of them in reverse mode.
+        max_iterations=-1,
     )
     return lobes
 

@@ -9,11 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
+from experiments.studies.aliasing import truth
+from experiments.studies.aliasing.figures import DEFINITIONS as DEFINITIONS
 from experiments.studies.aliasing.moved_rooms import (
     FINEST_VOXEL,
     HOWS,
     LEVELS,
     MOVERS,
+    PATHS,
     PERIODS,
     QUICK_HOWS,
     MovedRoom,
@@ -21,6 +24,7 @@ from experiments.studies.aliasing.moved_rooms import (
     recentred,
 )
 from experiments.studies.check import Check, Measured, StudyContext
+from experiments.studies.noise import require_told_apart
 from metrics.aliasing import (
     pop_share,
     power_ripple,
@@ -34,6 +38,9 @@ from metrics.voxel_period import voxel_period_rms, voxel_period_share
 
 SMOOTH = "scatter 3 wide"
 """The way to inject that is asked to be smooth."""
+
+HEADLINES = ("power ripple", "temporal difference, RMS")
+"""What of it is read first."""
 
 CONFIGURATION = 'preset "high" cones, four levels of 32^3'
 
@@ -65,6 +72,9 @@ MEASURES: dict[str, Measure] = {
 }
 """What is measured of each sweep."""
 
+COMPARED = tuple(name for name in MEASURES if name != "power ripple")
+"""What is measured against a reference."""
+
 NOT_OF_CAMERAS = ("power ripple", "voxel period, RMS", "voxel period, share of energy")
 """Moved windows hold other things each time, so nothing comes back."""
 
@@ -80,7 +90,7 @@ def checks() -> list[Check]:
                     for name in MEASURES
                     if not (mover == "camera" and name in NOT_OF_CAMERAS)
                 ]
-    return [*found, *_recentring_checks()]
+    return [*found, *_recentring_checks(), *truth.checks()]
 
 
 def _check(name: str, mover: str, level: int, how: str) -> Check:
@@ -94,11 +104,17 @@ def _check(name: str, mover: str, level: int, how: str) -> Check:
         limit_high=LARGEST_RIPPLE if is_held else None,
         goal=1.0 if name == "energy" else 0.0,
         in_quick=level == QUICK_LEVEL and how in QUICK_HOWS,
+        is_headline=level == QUICK_LEVEL and how == SMOOTH and name in HEADLINES,
     )
 
 
 def _measure(context: StudyContext, name: str, mover: str, level: int, how: str) -> Measured:
-    found = MEASURES[name](moved_room(context, mover, level), how)
+    room = moved_room(context, mover, level)
+    if name in COMPARED:
+        require_told_apart(
+            room.light[how], room.batches, PATHS[context.quick], "the reference of the receivers"
+        )
+    found = MEASURES[name](room, how)
     return Measured(value=found.value, low=found.low, high=found.high)
 
 

@@ -15,6 +15,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from experiments.studies.aliasing.figures import add_sweep_figures
 from experiments.studies.aliasing.light_tracing import traced_light
 from experiments.studies.check import StudyContext
 from experiments.studies.light.injections import INJECTIONS
@@ -216,12 +217,21 @@ def _move(context: StudyContext, mover: str, level: int) -> MovedRoom:
             truth.append(truth[0])
         else:
             truth.append(_reference(context, scene, points + whole, normals))
-    return MovedRoom(
+    found = MovedRoom(
         places=places,
         powers={how: np.array(values) for how, values in powers.items()},
         light={how: np.stack(values) for how, values in light.items()},
         batches=np.stack(truth, axis=1),
     )
+    add_sweep_figures(
+        context.shelf,
+        f"Moved {mover}, level {level}",
+        places,
+        found.powers,
+        found.light,
+        found.batches,
+    )
+    return found
 
 
 def _reference(

@@ -7,10 +7,12 @@ share in one order, and the row below the last says whether the ledger closes on
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 from scipy.special import stdtrit
 
+from experiments.studies.attribution.figures import DEFINITIONS as DEFINITIONS
 from experiments.studies.attribution.scenes import CHOSEN, EFFORT, SCENES, Ledger, ledger_of
 from experiments.studies.attribution.stages import STAGE_TITLES, STAGES
 from experiments.studies.check import INTERVAL_LEVEL, Check, Measured, StudyContext
@@ -40,7 +42,8 @@ def checks() -> list[Check]:
 def _rows(name: str) -> list[Check]:
     rows = []
     for kind in ("energy", "relmse"):
-        rows.append(_row(name, f"{kind} error as it is", kind, lambda found: found.start))
+        as_it_is = _row(name, f"{kind} error as it is", kind, lambda found: found.start)
+        rows.append(replace(as_it_is, is_headline=True))
         if kind == "relmse":
             rows.append(_row(name, "relmse of one frame's noise", kind, lambda found: found.noise))
         for number, stage in enumerate(STAGES):
@@ -48,7 +51,8 @@ def _rows(name: str) -> list[Check]:
             for order in ("forward", "backward", "interaction"):
                 read = partial(_of_stage, number=number, order=order)
                 rows.append(_row(name, f"{kind} owned by {title}, {order}", kind, read))
-        rows.append(_row(name, f"{kind} error with all exact", kind, lambda found: found.end))
+        all_exact = _row(name, f"{kind} error with all exact", kind, lambda found: found.end)
+        rows.append(replace(all_exact, is_headline=True))
         rows.append(_interaction(name, kind))
         rows.append(_closing(name, kind))
     rows.append(_resolution(name))

@@ -10,13 +10,13 @@ import numpy as np
 import reference
 import vctgi
 from experiments.scenes import load_scene
+from experiments.studies.attribution.figures import add_waterfall
 from experiments.studies.attribution.pictures import (
     Effort,
     make_volumes,
     render_batches,
     that_matters,
 )
-from experiments.studies.attribution.plot import write_waterfall
 from experiments.studies.attribution.stages import (
     STAGE_TITLES,
     STAGES,
@@ -27,6 +27,7 @@ from experiments.studies.attribution.stages import (
 from experiments.studies.check import StudyContext
 from experiments.studies.light.bounces import small_config
 from experiments.studies.light.emitter_pictures import court
+from experiments.studies.noise import require_told_apart
 from metrics.attribution import Attribution, attribute_error
 from vctgi.config import RenderConfig
 
@@ -51,12 +52,15 @@ class Case:
 
     Attributes
     ----------
+    title
+        How the page calls it.
     scene, sensor
         Mitsuba's, and the number of the camera.
     config
         The renderer as it is.
     """
 
+    title: str
     scene: mi.Scene
     sensor: int
     config: RenderConfig
@@ -91,13 +95,13 @@ def load_case(context: StudyContext, name: str) -> Case:
     """
     edge = EDGE[context.quick]
     if name == "open court":
-        return Case(court("constant", edge), 0, small_config())
+        return Case("Open court", court("constant", edge), 0, small_config())
     is_given = name == CHOSEN and context.scene is not None
     loaded = load_scene(
         context.scene if is_given and context.scene else SCENES[name], resolution=edge
     )
     config = vctgi.preset("high") if is_given else small_config()
-    return Case(loaded.scene, loaded.sensor_index, config)
+    return Case(loaded.title, loaded.scene, loaded.sensor_index, config)
 
 
 def _attribute(context: StudyContext, name: str) -> Ledger:
@@ -116,14 +120,13 @@ def _attribute(context: StudyContext, name: str) -> Ledger:
         progress=lambda share: context.progress(f"path tracing, {name}", share),
     ).batches("indirect_diffuse")
     forward, backward = _both_orders(context, case, effort, name)
+    require_told_apart(forward[0].mean(axis=0), truth, PATH_COUNT, f"the reference of {name}")
     titles = [STAGE_TITLES[stage] for stage in STAGES]
     ledger = Ledger(
         energy=attribute_error("energy", titles, forward, backward, truth),
         relmse=attribute_error("relmse", titles, forward, backward, truth),
     )
-    if context.output is not None:
-        stem = name.replace(" ", "-").lower()
-        write_waterfall(ledger.energy, ledger.relmse, name, context.output / f"{stem}.svg")
+    add_waterfall(context.shelf, case.title, ledger.energy, ledger.relmse)
     return ledger
 
 

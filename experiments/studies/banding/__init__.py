@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from experiments.studies.banding import sweeps
+from experiments.studies.banding import chosen_scene, sweeps
+from experiments.studies.banding.definitions import DEFINITIONS as DEFINITIONS
 from experiments.studies.check import Check
 
-PARTS = [sweeps.checks]
-"""What is measured, in the order of the table."""
+PARTS = [chosen_scene.checks, sweeps.checks]
+"""What is measured, in the order of the table: a scene without bands is refused at once."""
 
 
 def checks() -> list[Check]:

@@ -14,8 +14,12 @@ from itertools import pairwise
 import numpy as np
 
 from experiments.studies.accuracy.glossy import RESOLUTION, glossy_view
+from experiments.studies.banding.maps import add_spread_map
 from experiments.studies.check import Check, Measured, StudyContext
+from experiments.studies.figures import Curve, Point
 from metrics.confidence import Estimate
+from metrics.display import nits_per_unit
+from metrics.display_banding import display_banding_excess
 from metrics.luminance import luminance
 from metrics.moving_bands import MovingBands, moving_bands, ratio_of_bands
 from vctgi.stages.cone_tracing.specular import PhaseNoise, SpecularConesConfig, specular_march
@@ -45,6 +49,11 @@ TREATMENTS: dict[str, tuple[PhaseNoise, SpecularFilter]] = {
 }
 """Noise and filter."""
 
+WAYS = {"off": "no noise, no filter", "noise": "noise", "on": "noise and filter"}
+
+GROUP = "Glossy floor, by step and roughness"
+NAMES = {"B1": "All that moves with the phase (B1)", "B2": "Bands alone (B2)"}
+
 LEAST_GAIN = 4.0
 """By how much noise and filter together must lower bands."""
 
@@ -58,9 +67,28 @@ LEAST_OF_PLANTED = 4.0
 SCENE = "glossy_floor, GGX floor, specular light"
 
 
+Sweep = tuple[np.ndarray, list[float], np.ndarray, np.ndarray]
+"""Pictures [phase, row, column, rgb], their phases, and steps and mask [row, column]."""
+
+
 def checks() -> list[Check]:
     """Return the checks of all sweeps."""
-    return [*_values(), *_ratios()]
+    return [*_values(), *_ratios(), *_displayed()]
+
+
+def _displayed() -> list[Check]:
+    return [
+        Check(
+            name=f"B3, alpha {QUICK_ALPHA:g}, steps of {step:g} voxel, {treatment}",
+            configuration="first start phase over the mean of all; sees nothing but flats of "
+            "equal 10-bit codes, which slopes of light leave no room for",
+            scene=SCENE,
+            measure=partial(_display, alpha=QUICK_ALPHA, step=step, treatment=treatment),
+            goal=0.0,
+        )
+        for step in STEPS_VOXELS
+        for treatment in TREATMENTS
+    ]
 
 
 def _values() -> list[Check]:
@@ -74,12 +102,34 @@ def _values() -> list[Check]:
             limit_high=MOST_BANDS if name == "B2" and step == STEPS_VOXELS[0] else None,
             goal=0.0,
             in_quick=alpha == QUICK_ALPHA,
+            is_headline=step == STEPS_VOXELS[0] and treatment == "on",
+            points=_points(name, alpha, step, treatment),
         )
         for alpha in ALPHAS
         for step in STEPS_VOXELS
         for treatment in TREATMENTS
         for name, measure in (("B1", _spread), ("B2", _power))
     ]
+
+
+def _points(name: str, alpha: float, step: float, treatment: str) -> tuple[Point, ...]:
+    """Return the places of a number on a curve over steps and on one over roughness."""
+    over_step = Curve(
+        group=GROUP,
+        title=f"{NAMES[name]} by the length of a step, alpha {alpha:g}",
+        caption="Mean light is 1; intervals are over tiles of the picture.",
+        x_label="step of the march, voxels of the level read",
+        y_label=name,
+        is_x_log=True,
+        is_y_log=True,
+    )
+    over_alpha = replace(
+        over_step,
+        title=f"{NAMES[name]} by roughness, steps of {step:g} voxel",
+        x_label="GGX alpha of the floor",
+    )
+    way = WAYS[treatment]
+    return Point(over_step, way, step), Point(over_alpha, way, alpha)
 
 
 def _ratios() -> list[Check]:
@@ -121,10 +171,10 @@ def _ratios() -> list[Check]:
     return found
 
 
-def sweep(context: StudyContext, alpha: float, step: float, treatment: str) -> MovingBands:
-    """Render at every start phase, once, and look for what moves."""
+def pictures_of(context: StudyContext, alpha: float, step: float, treatment: str) -> Sweep:
+    """Render at every start phase, once."""
 
-    def render() -> MovingBands:
+    def render() -> Sweep:
         view = glossy_view(context, alpha, EDGE)
         noise, kind = TREATMENTS[treatment]
         march = specular_march(step)
@@ -136,11 +186,35 @@ def sweep(context: StudyContext, alpha: float, step: float, treatment: str) -> M
             config = replace(
                 view.config, specular=cones, specular_filter=SpecularFilterConfig(kind=kind)
             )
-            pictures.append(luminance(view.render(config)))
-        steps, mask = view.cycles(march)
-        return moving_bands(pictures, offsets, steps, mask)
+            pictures.append(view.render(config))
+        return np.stack(pictures), offsets, *view.cycles(march)
 
-    return context.once(f"bands, {alpha}, {step}, {treatment}", render)
+    return context.once(f"pictures, {alpha}, {step}, {treatment}", render)
+
+
+def sweep(context: StudyContext, alpha: float, step: float, treatment: str) -> MovingBands:
+    """Look for what moves in the pictures of all start phases, once."""
+
+    def look() -> MovingBands:
+        pictures, offsets, steps, mask = pictures_of(context, alpha, step, treatment)
+        light = luminance(pictures)
+        group = f"Glossy floor, alpha {alpha:g}, steps of {step:g} voxel"
+        if treatment == "off":
+            context.shelf.add_picture(group, "Specular light, no noise, no filter", pictures[0])
+        add_spread_map(context.shelf, group, WAYS[treatment], light, mask)
+        return moving_bands(light, offsets, steps, mask)
+
+    return context.once(f"bands, {alpha}, {step}, {treatment}", look)
+
+
+def _display(context: StudyContext, alpha: float, step: float, treatment: str) -> Measured:
+    """B3 of one picture beyond the mean of all, in which steps have no place of their own."""
+    pictures, *_ = pictures_of(context, alpha, step, treatment)
+    smooth = pictures.mean(axis=0)
+    found = display_banding_excess(
+        pictures[0], smooth[None], nits_per_unit=nits_per_unit(smooth), component="specular"
+    )
+    return Measured(value=found.value)
 
 
 def _spread(context: StudyContext, alpha: float, step: float, treatment: str) -> Measured:

@@ -8,36 +8,54 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
+from experiments.scenes import scene_file_name
 from experiments.studies.check import Check, Measured, StudyContext
-from experiments.studies.flicker.sequences import SPARSITIES, Sequence, sequence
+from experiments.studies.figures import Curve, Point
+from experiments.studies.flicker.definitions import DEFINITIONS as DEFINITIONS
+from experiments.studies.flicker.maps import add_flicker_maps
+from experiments.studies.flicker.sequences import PATHS, SPARSITIES, Sequence, sequence, truth_of
+from experiments.studies.noise import require_told_apart
 from metrics.energy import energy_ratio
-from metrics.flicker import changes, flicker, flicker_rms
+from metrics.flicker import Motion, changes, flicker, flicker_rms
 from metrics.measurement import Measurement
 
-Measure = Callable[[Sequence, tuple[int, bool]], Measurement]
+Measure = Callable[[np.ndarray, np.ndarray, Motion], Measurement]
 
 
-def _energy(found: Sequence, which: tuple[int, bool]) -> Measurement:
-    rows = (-1, found.batches.shape[3], 3)
-    batches = found.batches.reshape(len(found.batches), *rows)
-    return energy_ratio(found.frames[which].reshape(rows), batches)
+def _energy(frames: np.ndarray, truth: np.ndarray, _motion: Motion) -> Measurement:
+    rows = (-1, truth.shape[3], 3)
+    return energy_ratio(frames.reshape(rows), truth.reshape(len(truth), *rows))
 
+
+RMS = "RMS change beyond the truth's"
 
 MEASURES: dict[str, Measure] = {
-    "mean change beyond the truth's": lambda found, which: flicker(
-        found.frames[which], found.batches, found.motion
-    ),
-    "RMS change beyond the truth's": lambda found, which: flicker_rms(
-        found.frames[which], found.batches, found.motion
-    ),
+    "mean change beyond the truth's": flicker,
+    RMS: flicker_rms,
     "energy": _energy,
 }
 """What is measured of each sequence."""
 
+OVER_SPARSITY = Curve(
+    group="Change from frame to frame",
+    title="Flicker by the number of camera rays for each that traces cones",
+    caption="RMS change beyond the truth's along exact motion vectors, over the mean light.",
+    x_label="camera rays for each that traces cones",
+    y_label="RMS flicker",
+    is_x_log=True,
+)
+
+ROUNDING = 1e-3
+"""Relative, of a change in single precision."""
+
 SCENE = "built-in cornell_box, or --scene; diffuse light, 4 rays a pixel, 0.44 pixels a frame"
+
+
+WAYS = {False: "single frames", True: "accumulated"}
 
 
 def checks() -> list[Check]:
@@ -55,6 +73,10 @@ def checks() -> list[Check]:
                     scene=SCENE,
                     measure=partial(_measure, name=measure, which=(sparsity, has_history)),
                     goal=1.0 if measure == "energy" else 0.0,
+                    is_headline=measure == RMS,
+                    points=(Point(OVER_SPARSITY, WAYS[has_history], sparsity),)
+                    if measure == RMS
+                    else (),
                 )
                 for measure in MEASURES
             ]
@@ -68,19 +90,46 @@ def checks() -> list[Check]:
                 goal=0.0,
             )
         )
+        found.append(
+            Check(
+                name=f"planted fault, history thrown away, {name}, RMS change that is left",
+                configuration=f"{base}, accumulate_frame without history over single frames",
+                scene=SCENE,
+                measure=partial(_left_by_forgotten, sparsity=sparsity),
+                limit_low=1.0 - ROUNDING,
+            )
+        )
     return found
 
 
 def _measure(context: StudyContext, name: str, which: tuple[int, bool]) -> Measured:
-    found = MEASURES[name](sequence(context), which)
+    slide, truth = sequence(context), truth_of(context)
+    require_told_apart(slide.frames[which], truth, PATHS, "the reference of the frames")
+    _draw(context, slide, truth)
+    found = MEASURES[name](slide.frames[which], truth, slide.motion)
     return Measured(value=found.value, low=found.low, high=found.high)
+
+
+def _draw(context: StudyContext, found: Sequence, truth: np.ndarray) -> None:
+    group = "Cornell box" if context.scene is None else scene_file_name(Path(context.scene))
+    draw = partial(add_flicker_maps, context.shelf, group, found.frames, truth, found.motion)
+    context.once("flicker maps", draw)
 
 
 def _left(context: StudyContext, sparsity: int) -> Measured:
     """Own change of accumulated over single frames: without the truth, whose noise both share."""
+    return _change_over_single(context, sparsity, sequence(context).frames[sparsity, True])
+
+
+def _left_by_forgotten(context: StudyContext, sparsity: int) -> Measured:
+    """Return the same where history is thrown away before each frame."""
+    return _change_over_single(context, sparsity, sequence(context).forgotten[sparsity])
+
+
+def _change_over_single(context: StudyContext, sparsity: int, frames: np.ndarray) -> Measured:
     found = sequence(context)
     single, kept = (
-        math.sqrt(float(np.mean(changes(found.frames[sparsity, each], found.motion) ** 2)))
-        for each in (False, True)
+        math.sqrt(float(np.mean(changes(each, found.motion) ** 2)))
+        for each in (found.frames[sparsity, False], frames)
     )
     return Measured(value=kept / single)

@@ -45,15 +45,18 @@ class Sequence:
     ----------
     frames
         By sparsity and whether history was used: indirect diffuse light [frame, row, column, rgb].
-    batches
-        The truth [batch, frame, row, column, rgb].
+    forgotten
+        By sparsity: the same with history, which is thrown away before each frame.
     motion
         Where each pixel's surface was.
+    stride
+        World units that a pixel is wide at the middle distance.
     """
 
     frames: dict[tuple[int, bool], np.ndarray]
-    batches: np.ndarray
+    forgotten: dict[int, np.ndarray]
     motion: Motion
+    stride: float
 
 
 def sequence(context: StudyContext) -> Sequence:
@@ -73,7 +76,8 @@ def _render(context: StudyContext) -> Sequence:
     stride = float(np.median(depth[depth > 0.0])) * project(sensor).pixel_angle
 
     frames: dict[tuple[int, bool], list[np.ndarray]] = {}
-    truth, places, positions, normals = [], [], [], []
+    forgotten: dict[int, list[np.ndarray]] = {}
+    places, positions, normals = [], [], []
     histories: dict[int, TemporalFrame | None] = dict.fromkeys(SPARSITIES)
     before: Projection | None = None
     count = WARM_UP[quick] + MEASURED[quick]
@@ -92,6 +96,10 @@ def _render(context: StudyContext) -> Sequence:
                     frames.setdefault((sparsity, has_history), []).append(
                         np.array(each.indirect_diffuse, dtype=np.float64)
                     )
+                fresh, _ = vctgi.accumulate_frame(None, frame, sensor, config)
+                forgotten.setdefault(sparsity, []).append(
+                    np.array(fresh.indirect_diffuse, dtype=np.float64)
+                )
         if not is_measured:
             continue
         # All sparsities send the same camera rays.
@@ -100,12 +108,31 @@ def _render(context: StudyContext) -> Sequence:
         if before is not None:
             places.append(places_before(before, positions[-1]))
         before = project(sensor)
-        truth.append(_path_traced(loaded.scene, loaded.sensor_index))
     return Sequence(
         frames={key: np.stack(each) for key, each in frames.items()},
-        batches=np.stack(truth, axis=1),
+        forgotten={key: np.stack(each) for key, each in forgotten.items()},
         motion=motion_of(np.stack(places), np.stack(positions), np.stack(normals)),
+        stride=stride,
     )
+
+
+def truth_of(context: StudyContext) -> np.ndarray:
+    """Return the truth [batch, frame, row, column, rgb], rendered once for all checks."""
+
+    def render() -> np.ndarray:
+        quick, stride = context.quick, sequence(context).stride
+        loaded = load_scene(context.scene or "cornell_box", resolution=EDGE[quick])
+        sensor = loaded.scene.sensors()[loaded.sensor_index]
+        start = np.array(sensor.world_transform().matrix, dtype=np.float64).reshape(4, 4)
+        truth = []
+        for number in range(MEASURED[quick]):
+            context.progress("path tracing", number / MEASURED[quick])
+            place = (WARM_UP[quick] + number) * stride * np.array([*STEP_PX, 0.0])
+            move_sensor(sensor, start, place)
+            truth.append(_path_traced(loaded.scene, loaded.sensor_index))
+        return np.stack(truth, axis=1)
+
+    return context.once("flicker, truth", render)
 
 
 def move_sensor(sensor: mi.Sensor, world_from_camera: np.ndarray, offset: np.ndarray) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from experiments.studies.check import Check
 from experiments.studies.leaking import control, faults, pictures, rooms
+from experiments.studies.leaking.definitions import DEFINITIONS as DEFINITIONS
 
 PARTS = [rooms.checks, pictures.checks, control.checks, faults.checks]
 """What is measured, in the order of the table."""

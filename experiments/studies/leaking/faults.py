@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import mitsuba as mi
 import numpy as np
@@ -18,9 +19,11 @@ from experiments.studies.leaking.pictures import (
     EDGE,
     audit_in,
     batches_of,
+    dark_room,
     measured,
     picture_config,
     picture_of,
+    rooms_ratio,
 )
 from metrics.leaking import LeakAudit, audit_shares
 from vctgi.clipmap.storage import VoxelVolume
@@ -31,6 +34,12 @@ FACTOR = 1.05
 
 LEAST_RISE = 2.0
 """By how much a wall that is missing in the voxels must raise the share that came through."""
+
+WIDER = 2.0
+"""How many times as wide the cones of a planted fault are."""
+
+PLANTED = {"leak": 0.10, "missing_light": 0.08, "L1": 0.05}
+"""What the planted faults must show at least; without them these are 0.07, 0.03 and 0.01."""
 
 LARGEST_CHANGE = 1e-3
 """Of the leaked share, when all energy grows by a factor."""
@@ -44,6 +53,27 @@ def checks() -> list[Check]:
             "the partition is missing in the voxels, not in the scene",
             _without_wall,
             LEAST_RISE,
+            None,
+        ),
+        (
+            "wall removed from the voxels, leak",
+            "the partition is missing in the voxels, not in the scene",
+            partial(_share_without_wall, share="leak"),
+            PLANTED["leak"],
+            None,
+        ),
+        (
+            "wall removed from the voxels, L1",
+            "the partition is missing in the voxels, not in the scene",
+            _rooms_without_wall,
+            PLANTED["L1"],
+            None,
+        ),
+        (
+            "cones twice as wide, missing_light",
+            "cones that are occluded by what lies beside them",
+            _missing_with_wide_cones,
+            PLANTED["missing_light"],
             None,
         ),
         (
@@ -87,13 +117,19 @@ def volume_without_partition(edge: int) -> VoxelVolume:
     return vctgi.light_volume(whole, config, voxels=voxels).volume
 
 
+def _audit_without_wall(context: StudyContext) -> LeakAudit:
+    def audit() -> LeakAudit:
+        picture = picture_of(context, "sealed_rooms")
+        volume = volume_without_partition(picture.edge)
+        batches = picture.audit(BATCHES[context.quick], volume)
+        return audit_of(batches, (picture.edge, picture.edge))
+
+    return context.once("audit without the wall", audit)
+
+
 def _without_wall(context: StudyContext) -> Measured:
     """Ratio of the shares, with the farthest ends of their intervals."""
-    picture = picture_of(context, "sealed_rooms")
-    volume = volume_without_partition(picture.edge)
-    batches = picture.audit(BATCHES[context.quick], volume)
-    shape = (picture.edge, picture.edge)
-    open_wall = measured(audit_shares(audit_of(batches, shape))["leak_through"])
+    open_wall = _share_without_wall(context, "leak_through")
     closed = measured(audit_shares(audit_in(context, "sealed_rooms"))["leak_through"])
     assert open_wall.low is not None
     assert open_wall.high is not None
@@ -101,6 +137,24 @@ def _without_wall(context: StudyContext) -> Measured:
     assert closed.high is not None
     low, high = open_wall.low / closed.high, open_wall.high / closed.low
     return Measured(value=open_wall.value / closed.value, low=low, high=high)
+
+
+def _share_without_wall(context: StudyContext, share: str) -> Measured:
+    return measured(audit_shares(_audit_without_wall(context))[share])
+
+
+def _rooms_without_wall(context: StudyContext) -> Measured:
+    is_dark = dark_room(audit_in(context, "sealed_rooms"))
+    return rooms_ratio(_audit_without_wall(context), is_dark)
+
+
+def _missing_with_wide_cones(context: StudyContext) -> Measured:
+    picture = picture_of(context, "sealed_rooms")
+    diffuse = replace(picture.config.diffuse, aperture_scale=WIDER)
+    wide = replace(picture, config=replace(picture.config, diffuse=diffuse))
+    batches = wide.audit(BATCHES[context.quick])
+    audit = audit_of(batches, (picture.edge, picture.edge))
+    return measured(audit_shares(audit)["missing_light"])
 
 
 def _brighter(context: StudyContext) -> Measured:

@@ -5,24 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import drjit as dr
-import matplotlib as mpl
 import mitsuba as mi
 import numpy as np
-from matplotlib.figure import Figure
 
 import reference
 import vctgi
-from experiments.scenes import load_scene
+from experiments.scenes import LoadedScene, load_scene
 from experiments.studies.check import Check, Measured, StudyContext
 from experiments.studies.cornell import PIXEL_PLACE
 from experiments.studies.leaking.audit import PointLight, audit_of, audit_points, reflected_light
+from experiments.studies.leaking.maps import add_audit_maps, add_excess_maps
+from experiments.studies.noise import require_told_apart
 from metrics.leaking import (
     LeakAudit,
     audit_shares,
-    excess_map,
     one_sided_excess,
     sealed_room_ratio,
     share_of_choices,
@@ -36,11 +34,14 @@ from vctgi.scene.records import GBuffer
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
 from vctgi.stages.gbuffer import trace_gbuffer
 
-SCENES = ("sealed_rooms", "cornell_box")
+CHOSEN = "chosen scene"
+"""The scene of `--scene`; without one, that of a corridor of rooms."""
+
+SCENES = ("sealed_rooms", "cornell_box", CHOSEN)
 
 EDGE = (64, 32)
 BATCHES = (8, 4)
-PATHS = (1024, 256)
+PATHS = (1024, 1024)
 """Pixels along an edge, batches of probes, and paths a pixel of the reference, in the whole study
 and in the quick one."""
 
@@ -55,8 +56,13 @@ DARK_TRUTH = 1e-9
 MOST_LEAK = {"sealed_rooms": 0.10, "cornell_box": 0.10}
 """Most of the picture's light that may have leaked."""
 
-FAINT = 0.1
-"""Brightest value of the maps of leaks, over that of the light gathered."""
+CONFIGURATION = f'cones and light of preset "high", N = {RESOLUTION}'
+GIVEN = ", 128 for a scene that is given"
+LIGHT = "indirect diffuse light of two scatterings"
+WORDS = {CHOSEN: "corridor, or the scene of --scene"}
+
+HEADLINES = ("L3, dark_excess", "L3, missing_energy")
+"""What is read first beside the leak."""
 
 SHARES = ("leak_through", "leak_wrong_face", "leak", "missing_light")
 
@@ -66,6 +72,7 @@ class Picture:
     """A scene as a camera sees it, its lit voxels, and what one ray through each pixel meets."""
 
     edge: int
+    loaded: LoadedScene
     prepared: PreparedScene
     volume: VoxelVolume
     config: RenderConfig
@@ -101,13 +108,17 @@ def picture_config() -> RenderConfig:
     return replace(config, clipmap=replace(config.clipmap, resolution=RESOLUTION))
 
 
-def make_picture(name: str, edge: int) -> Picture:
-    """Load, voxelize and light a built-in scene."""
-    loaded, config = load_scene(name, resolution=edge), picture_config()
-    prepared = vctgi.prepare_scene(loaded.scene, loaded.scene.sensors()[0], config)
+def make_picture(source: str, edge: int, *, is_given: bool = False) -> Picture:
+    """Load, voxelize and light a scene: a built-in one, or one that is given, in all its voxels."""
+    loaded = load_scene(source, resolution=(edge, edge))
+    config = preset("high") if is_given else picture_config()
+    prepared = vctgi.prepare_scene(
+        loaded.scene, loaded.scene.sensors()[loaded.sensor_index], config
+    )
     volume = vctgi.light_volume(prepared, config).volume
     return Picture(
         edge=edge,
+        loaded=loaded,
         prepared=prepared,
         volume=volume,
         config=config,
@@ -127,9 +138,9 @@ def _looked_at(prepared: PreparedScene, config: RenderConfig, edge: int) -> GBuf
         ray,
         pixel,
         config.gbuffer,
-        has_specular=False,
-        has_passing=False,
-        lobe_kinds=None,
+        has_specular=prepared.plan.has_specular,
+        has_passing=prepared.plan.has_passing,
+        lobe_kinds=prepared.lobe_kinds,
     )
     dr.eval(gbuffer)
     return gbuffer
@@ -137,8 +148,10 @@ def _looked_at(prepared: PreparedScene, config: RenderConfig, edge: int) -> GBuf
 
 def picture_of(context: StudyContext, name: str) -> Picture:
     """Return a picture, made once."""
-    edge = EDGE[context.quick]
-    return context.once(f"picture of {name}", partial(make_picture, name, edge))
+    is_given = name == CHOSEN and context.scene is not None
+    source = (context.scene or "corridor") if name == CHOSEN else name
+    make = partial(make_picture, source, EDGE[context.quick], is_given=is_given)
+    return context.once(f"picture of {name}", make)
 
 
 def batches_of(context: StudyContext, name: str) -> list[PointLight]:
@@ -148,12 +161,15 @@ def batches_of(context: StudyContext, name: str) -> list[PointLight]:
 
 
 def audit_in(context: StudyContext, name: str) -> LeakAudit:
-    """Return the audit of a picture; its map is written beside, if files are wanted."""
-    edge = EDGE[context.quick]
-    audit = audit_of(batches_of(context, name), (edge, edge))
-    if context.output is not None:
-        draw_leaks(audit, context.output / f"leaks-{name}.png")
-    return audit
+    """Return the audit of a picture, made and drawn once."""
+
+    def audit() -> LeakAudit:
+        edge = EDGE[context.quick]
+        found = audit_of(batches_of(context, name), (edge, edge))
+        add_audit_maps(context.shelf, picture_of(context, name).loaded.title, found)
+        return found
+
+    return context.once(f"whole audit of {name}", audit)
 
 
 def checks() -> list[Check]:
@@ -171,20 +187,23 @@ def checks() -> list[Check]:
             ("L3, missing_energy", partial(_excess, row="missing_energy")),
         ]
         for title, measure in rows:
+            is_leak = title == "audit, leak"
             found.append(
                 Check(
                     name=f"{scene}, {title}",
-                    configuration=f'cones and light of preset "high", N = {RESOLUTION}',
-                    scene=f"built-in {scene}, indirect diffuse light of two scatterings",
+                    configuration=CONFIGURATION + (GIVEN if scene == CHOSEN else ""),
+                    scene=f"{WORDS.get(scene, f'built-in {scene}')}, {LIGHT}",
                     measure=partial(measure, scene=scene),
-                    limit_high=MOST_LEAK[scene] if title == "audit, leak" else None,
+                    limit_high=MOST_LEAK.get(scene) if is_leak else None,
                     goal=0.0,
+                    in_quick=scene != CHOSEN,
+                    is_headline=is_leak or title in HEADLINES,
                 )
             )
     found += [
         Check(
             name=f"sealed_rooms, dark room alone, audit, {share}",
-            configuration=f'cones and light of preset "high", N = {RESOLUTION}',
+            configuration=CONFIGURATION,
             scene="built-in sealed_rooms, where all that is gathered has leaked",
             measure=partial(_dark_share, share=share),
             limit_low=1.0 - ROUNDING if share == "leak" else None,
@@ -195,8 +214,8 @@ def checks() -> list[Check]:
     found.append(
         Check(
             name="sealed_rooms, L1, dark room over lit room",
-            configuration=f'cones and light of preset "high", N = {RESOLUTION}',
-            scene="built-in sealed_rooms, indirect diffuse light of two scatterings",
+            configuration=CONFIGURATION,
+            scene=f"built-in sealed_rooms, {LIGHT}",
             measure=_rooms_ratio,
             limit_high=0.05,
             goal=0.0,
@@ -228,19 +247,21 @@ def _by_choice(context: StudyContext, scene: str) -> Measured:
 
 def _excess(context: StudyContext, scene: str, row: str) -> Measured:
     def compare() -> dict[str, Measurement]:
-        edge = EDGE[context.quick]
+        picture = picture_of(context, scene)
         request = reference.ReferenceRequest(
             samples_per_pixel=PATHS[context.quick], batch_count=8, rest_samples_per_pixel=0
         )
         truth = reference.render_reference(
-            load_scene(scene, resolution=edge).scene,
-            sensor=0,
+            picture.loaded.scene,
+            sensor=picture.loaded.sensor_index,
             request=request,
             cache_directory=None,
             progress=lambda share: context.progress("path tracing", share),
         )
-        light = picture_of(context, scene).diffuse()
-        return one_sided_excess(light, truth.batches("indirect_diffuse"))
+        light, batches = picture.diffuse(), truth.batches("indirect_diffuse")
+        require_told_apart(light, batches, PATHS[context.quick], f"the reference of {scene}")
+        add_excess_maps(context.shelf, picture.loaded.title, light, batches)
+        return one_sided_excess(light, batches)
 
     return measured(context.once(f"excess of {scene}", compare)[row])
 
@@ -255,10 +276,13 @@ def dark_room(audit: LeakAudit) -> np.ndarray:
 
 def _rooms_ratio(context: StudyContext) -> Measured:
     audit = audit_in(context, "sealed_rooms")
+    return rooms_ratio(audit, dark_room(audit))
+
+
+def rooms_ratio(audit: LeakAudit, is_dark: np.ndarray) -> Measured:
+    """Return L1 of a picture of sealed_rooms, given where it shows the dark room."""
     gathered, truth = audit.gathered.mean(axis=0), audit.truth.mean(axis=0)
-    return Measured(
-        value=sealed_room_ratio(gathered[dark_room(audit)], gathered[truth >= DARK_TRUTH])
-    )
+    return Measured(value=sealed_room_ratio(gathered[is_dark], gathered[truth >= DARK_TRUTH]))
 
 
 def _dark_share(context: StudyContext, share: str) -> Measured:
@@ -269,30 +293,3 @@ def _dark_share(context: StudyContext, share: str) -> Measured:
 def measured(found: Measurement) -> Measured:
     """Return the number and interval of a metric."""
     return Measured(value=found.value, low=found.low, high=found.high)
-
-
-def draw_leaks(audit: LeakAudit, path: Path) -> None:
-    """Write what was gathered, what of it came through or from a wrong face, and what is missing.
-
-    The scale reaches to the brightest percent of the light gathered, of the parts to a tenth of it.
-    """
-    gathered = audit.gathered.mean(axis=0)
-    parts = {
-        "gathered": gathered,
-        "through geometry": audit.through.mean(axis=0),
-        "wrong face": excess_map(audit, 1.0),
-        "missing": excess_map(audit, -1.0),
-    }
-    share = (parts["through geometry"] + parts["wrong face"]) / np.maximum(gathered, 1e-12)
-    brightest = float(np.quantile(gathered, 0.99))
-    with mpl.rc_context({"font.size": 9}):
-        figure = Figure(figsize=(15, 3.4), layout="constrained")
-        for axes, (title, values) in zip(
-            figure.subplots(1, 5), [*parts.items(), ("leaked share", share)], strict=True
-        ):
-            highest = {"leaked share": 1.0, "gathered": brightest}.get(title, FAINT * brightest)
-            shown = axes.imshow(values, vmin=0.0, vmax=highest, cmap="magma")
-            axes.set_title(title)
-            axes.set_axis_off()
-            figure.colorbar(shown, ax=axes, shrink=0.8)
-        figure.savefig(path, dpi=80)

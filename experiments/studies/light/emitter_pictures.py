@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from PIL import Image
 
-import metrics
 import reference
 import vctgi
 from experiments.run import component_images
@@ -97,8 +94,9 @@ def _diffuse(colour: list[float]) -> dict[str, Any]:
 
 def _energy(context: StudyContext, kind: str) -> Measured:
     pair = _render(context, kind)
-    if context.output is not None:
-        _write(pair, context.output / f"emitter-{kind.replace(', ', '-')}.png")
+    group = f"Light of one emitter: {kind}"
+    context.shelf.add_picture(group, "Cones", pair.cones, like=pair.paths)
+    context.shelf.add_picture(group, "Path tracing", pair.paths, like=pair.paths)
     return pair.energy
 
 
@@ -123,11 +121,3 @@ def _render(context: StudyContext, kind: str) -> _Pair:
     shared = truth.mean("emission") + truth.mean("direct")
     ratios = [float(indirect.mean() / each.mean()) for each in batches]
     return _Pair(indirect + shared, batches.mean(axis=0) + shared, mean_of(ratios))
-
-
-def _write(pair: _Pair, path: Path) -> None:
-    """Write both pictures side by side at the exposure of the path-traced one."""
-    stops = metrics.auto_exposure(pair.paths)
-    both = np.concatenate([pair.cones, pair.paths], axis=1)
-    codes = np.rint(255.0 * np.clip(metrics.srgb_from_linear(both, stops), 0.0, 1.0))
-    Image.fromarray(codes.astype(np.uint8)).save(path)

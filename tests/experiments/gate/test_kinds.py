@@ -47,7 +47,7 @@ def test_a_good_record_passes_every_check(bench: Bench) -> None:
     record, path = bench.record(seed=3)
     verdicts = judged(bench, record, path)
     assert failures(verdicts) == []
-    assert {v.kind for v in verdicts} == {"finite", "exact", "noninferior", "absolute"}
+    assert {v.kind for v in verdicts} == {"finite", "noise", "exact", "noninferior", "absolute"}
     assert exit_code(verdicts) == 0
 
 

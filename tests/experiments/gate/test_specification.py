@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from experiments.errors import InputError
-from experiments.gate.specification import NonInferior, load_gates
+from experiments.gate.gates_file import load_gates
+from experiments.gate.specification import NonInferior
 
 GOOD = """
 schema_version = 1

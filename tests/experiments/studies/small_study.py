@@ -5,9 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 
+import numpy as np
+
 from experiments.studies.check import Check, Measured, StudyContext, mean_of
+from experiments.studies.figures import Curve, Point
 
 TITLE = "Do the numbers of a test come out?"
+
+CURVE = Curve(group="numbers", title="Curve", caption="", x_label="first value", y_label="mean")
 
 measured: Counter[str] = Counter()
 """How often each measurement was made; tests clear it."""
@@ -18,6 +23,7 @@ def _measurement(name: str, values: list[float]) -> Callable[[StudyContext], Mea
         measured[name] += 1
         context.progress("counting", 0.5)
         shared = context.once("shared", _shared)
+        context.shelf.add_map("numbers", "Shared", np.full((2, 3), shared))
         return mean_of([shared * value for value in values[: 1 if context.quick else None]])
 
     return measure
@@ -37,6 +43,8 @@ def _check(name: str, values: list[float], **limits: float) -> Check:
         limit_low=limits.get("low"),
         limit_high=limits.get("high"),
         goal=limits.get("goal"),
+        is_headline=name == "aim",
+        points=(Point(CURVE, "all", values[0]),),
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ import reference
 import vctgi
 from experiments.scenes import load_scene
 from experiments.studies.attribution import checks
+from experiments.studies.attribution.figures import add_waterfall
 from experiments.studies.attribution.gathering import Gatherer
 from experiments.studies.attribution.pictures import (
     Effort,
@@ -20,9 +20,9 @@ from experiments.studies.attribution.pictures import (
     render_batches,
     that_matters,
 )
-from experiments.studies.attribution.plot import write_waterfall
 from experiments.studies.attribution.stages import STAGES, Exact, first_exact, last_exact
 from experiments.studies.attribution.voxels import exact_light
+from experiments.studies.figures import FigureShelf
 from metrics.attribution import attribute_error
 from vctgi.clipmap.levels import ClipmapConfig
 from vctgi.clipmap.storage import pack_volume
@@ -75,7 +75,7 @@ def test_nothing_exact_is_the_renderer(box: tuple[PreparedScene, Volumes]) -> No
         np.testing.assert_allclose(picture, expected, rtol=1e-5, atol=1e-7)
 
 
-def test_the_ledger_closes(box: tuple[PreparedScene, Volumes], tmp_path: Path) -> None:
+def test_the_ledger_closes(box: tuple[PreparedScene, Volumes]) -> None:
     """With everything replaced the pictures are the path tracer's, within the noise of both."""
     prepared, _ = box
     start, end = _pictures(box, Exact()), _pictures(box, first_exact(len(STAGES)))
@@ -88,8 +88,11 @@ def test_the_ledger_closes(box: tuple[PreparedScene, Volumes], tmp_path: Path) -
         # Half an interval is 2.57 standard errors for 6 batches.
         assert abs(attribution.end.value) < STANDARD_ERRORS / 2.57 * half
     assert energy.end.high - energy.end.low < 0.1
-    write_waterfall(energy, relmse, "box", tmp_path / "box.svg")
-    assert (tmp_path / "box.svg").read_text().count("made exact") >= 1
+    shelf = FigureShelf()
+    add_waterfall(shelf, "box", energy, relmse)
+    (figure,) = shelf.figures
+    assert figure.kind == "waterfall"
+    assert [panel.end.value for panel in figure.panels] == [energy.end.value, relmse.end.value]
 
 
 def test_a_fault_of_voxels_stays_with_them(box: tuple[PreparedScene, Volumes]) -> None:

@@ -110,7 +110,7 @@ def test_the_json_file_has_the_promised_names() -> None:
     assert {"study", "quick", "rows", "machine"} <= set(content)
     assert set(content["rows"][0]) == {
         *("check", "configuration", "scene", "value", "low", "high"),
-        *("limit_low", "limit_high", "goal", "passed", "how"),
+        *("limit_low", "limit_high", "goal", "passed", "refused", "how"),
     }
 
 

@@ -13,7 +13,8 @@ from tests.vctgi.twins.reading import (
     read_trilinear_medium,
 )
 from vctgi.clipmap.levels import WINDOW_MARGIN_VOXELS, ClipmapLayout
-from vctgi.stages.cone_tracing.march import LEVEL_BLEND, ConeMarchConfig
+from vctgi.stages.cone_tracing.march import ConeMarchConfig
+from vctgi.stages.cone_tracing.march_step import LEVEL_BLEND
 
 
 def march(

@@ -19,6 +19,7 @@ from vctgi.maths.cones import ratio_from_aperture, ring_cone_set, ring_sizes
 from vctgi.maths.directions import random_unit
 from vctgi.scene.extent import half_extent
 from vctgi.scene.records import GBuffer
+from vctgi.stages.cone_tracing.live_march import AnyMarch, LiveMarch
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, march_cone
 from vctgi.stages.cone_tracing.near_field import trace_near_field
 from vctgi.stages.cone_tracing.tally import SampleTally
@@ -77,6 +78,7 @@ def trace_ambient(
     config: AmbientConfig,
     scene: mi.Scene,
     tally: SampleTally | None = None,
+    range_scale: mi.Float | None = None,
 ) -> mi.Float:
     """Return how open the hemisphere over each visible point is.
 
@@ -92,6 +94,8 @@ def trace_ambient(
         Geometry, whose extent the range may be a share of, and which the near field traces.
     tally
         Counts what the cones read; None: nothing is counted.
+    range_scale
+        Factor on the range, one lane, for derivatives; None: 1.
 
     Returns
     -------
@@ -105,8 +109,12 @@ def trace_ambient(
     [Zhukov1998].
     """
     cones = ring_cone_set(config.cone_count)
-    reach = config.range_in(2.0 * float(half_extent(scene)[0]))
-    march = replace(config.march, falloff_length=reach)
+    length = config.range_in(2.0 * float(half_extent(scene)[0]))
+    march: AnyMarch = replace(config.march, falloff_length=length)
+    reach: float | mi.Float = length
+    if range_scale is not None:
+        reach = mi.Float(length * range_scale)
+        march = LiveMarch.of_numbers(config.march, reach)
     points = dr.width(gbuffer.position)
     apex, normal, near_voxels = gbuffer.position, gbuffer.normal, config.near_field_voxels
     turn = 2.0 * math.pi * random_unit(gbuffer.sample_index, ROTATION_STREAM)

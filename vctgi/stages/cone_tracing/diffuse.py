@@ -3,102 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Literal, get_args
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
-from vctgi.maths.cones import GOLDEN_TURN, ConeSet, ratio_from_aperture, ring_cone_set, ring_sizes
+from vctgi.maths.cones import GOLDEN_TURN, ConeSet, ratio_from_aperture
 from vctgi.maths.directions import random_unit
-from vctgi.maths.peer_cones import PEER_CONE_SETS, peer_cone_set
 from vctgi.maths.stub_gaps import as_component
 from vctgi.scene.records import GBuffer
 from vctgi.scene.sky import PrefilteredSky
-from vctgi.stages.cone_tracing.march import ConeMarchConfig, finest_level, march_cone
+from vctgi.stages.cone_tracing.cone_values import ConeValues
+from vctgi.stages.cone_tracing.diffuse_config import DiffuseConesConfig as DiffuseConesConfig
+from vctgi.stages.cone_tracing.diffuse_config import Rotation as Rotation
+from vctgi.stages.cone_tracing.march import finest_level, march_cone
 from vctgi.stages.cone_tracing.near_field import trace_near_field
 from vctgi.stages.cone_tracing.tally import SampleTally
-
-Rotation = Literal["fixed", "pixel", "frame"]
-"""By what angle cones are turned about the normal: none, one for each camera ray, or one for all
-of a frame."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class DiffuseConesConfig:
-    """Which diffuse cones are traced."""
-
-    cone_count: int = 17
-    """Cones a point, 1 .. 64 (or 256, for studies), in rings (`vctgi.maths.cones`)."""
-    cone_set: str | None = None
-    """Named set of another system in place of them (`vctgi.maths.peer_cones`)."""
-    aperture_scale: float = 1.0
-    """Factor on the apertures that cover the hemisphere once, > 0."""
-    rotation: Rotation = "pixel"
-    """By what angle the cones are turned about the normal: "fixed", "pixel" or "frame". A set that
-    belongs to the world is never turned."""
-    frame: int = 0
-    """Number of the frame, which chooses the angle of "frame", >= 0."""
-    is_jittered: bool = True
-    """Whether each cone takes a random share of its first step, so that no two sample the voxels
-    at the same distances."""
-    near_field_voxels: float = 0.0
-    """Length of the real ray that replaces the beginning of a cone, in voxels, >= 0; 0: none."""
-    normal_offset_voxels: float = 0.0
-    """How far above the surface the cones start, in voxels, >= 0; with one-sided slots nothing is
-    in their way."""
-    gain: float = 1.0
-    """Factor on what they gather, > 0: the scale of another system, 1 for ours."""
-    march: ConeMarchConfig = field(default_factory=ConeMarchConfig)
-    """How the cones march."""
-
-    def __post_init__(self) -> None:
-        """Refuse sets that do not exist."""
-        ring_sizes(self.cone_count)
-        if self.cone_set is not None and self.cone_set not in PEER_CONE_SETS:
-            raise ValueError(
-                f"DiffuseConesConfig.cone_set must be None or one of {', '.join(PEER_CONE_SETS)}, "
-                f"got {self.cone_set!r}."
-            )
-        if self.cone_set is not None and self.cones().cone_count != self.cone_count:
-            raise ValueError(
-                f"DiffuseConesConfig: '{self.cone_set}' has {self.cones().cone_count} cones, but "
-                f"cone_count is {self.cone_count}; give the same count, or no cone_set."
-            )
-        if self.rotation not in get_args(Rotation):
-            raise ValueError(
-                f"DiffuseConesConfig.rotation must be one of {get_args(Rotation)}, "
-                f"got {self.rotation!r}."
-            )
-        for name in ("frame", "normal_offset_voxels"):
-            if getattr(self, name) < 0:
-                raise ValueError(
-                    f"DiffuseConesConfig.{name} must be >= 0, got {getattr(self, name)}."
-                )
-        if not self.gain > 0.0:
-            raise ValueError(f"DiffuseConesConfig.gain must be > 0, got {self.gain}.")
-        if not self.aperture_scale > 0.0:
-            raise ValueError(
-                f"DiffuseConesConfig.aperture_scale must be > 0, got {self.aperture_scale}."
-            )
-        widest = max(self.cones().apertures)
-        if not widest < math.pi:
-            raise ValueError(
-                f"DiffuseConesConfig.aperture_scale {self.aperture_scale:g} gives a cone an "
-                f"aperture of {math.degrees(widest):.0f} degrees: lower it, they must stay "
-                "below 180."
-            )
-        if self.near_field_voxels < 0.0:
-            raise ValueError(
-                f"DiffuseConesConfig.near_field_voxels must be >= 0, got {self.near_field_voxels}."
-            )
-
-    def cones(self) -> ConeSet:
-        """Return the set that is traced."""
-        if self.cone_set is not None:
-            return peer_cone_set(self.cone_set, self.aperture_scale)
-        return ring_cone_set(self.cone_count, self.aperture_scale)
 
 
 def trace_diffuse(
@@ -108,6 +29,7 @@ def trace_diffuse(
     scene: mi.Scene | None = None,
     sky: PrefilteredSky | None = None,
     tally: SampleTally | None = None,
+    parameters: ConeValues | None = None,
 ) -> mi.Color3f:
     """Gather indirect diffuse light.
 
@@ -125,6 +47,8 @@ def trace_diffuse(
         What the share of a cone sees that nothing stops; None: darkness.
     tally
         Counts what the cones read; None: nothing is counted.
+    parameters
+        Values that go before the numbers of `config`, for derivatives; None: those numbers.
 
     Returns
     -------
@@ -136,12 +60,12 @@ def trace_diffuse(
     points = dr.width(gbuffer.position)
     block = max(1, MAX_CONES_PER_PASS // cones.cone_count)
     if points <= block:
-        return _trace_block(gbuffer, volume, cones, config, scene, sky, tally)
+        return _trace_block(gbuffer, volume, cones, config, scene, sky, tally, parameters)
     gathered = dr.zeros(mi.Color3f, points)
     for begin in range(0, points, block):
         index = dr.arange(mi.UInt32, min(block, points - begin)) + begin
         part = dr.gather(GBuffer, gbuffer, index)
-        light = _trace_block(part, volume, cones, config, scene, sky, tally)
+        light = _trace_block(part, volume, cones, config, scene, sky, tally, parameters)
         dr.scatter(gathered, light, index)
         dr.eval(gathered)
     return gathered
@@ -155,28 +79,33 @@ def _trace_block(
     scene: mi.Scene | None,
     sky: PrefilteredSky | None,
     tally: SampleTally | None,
+    parameters: ConeValues | None,
 ) -> mi.Color3f:
     """Gather the light of as many points as fit one pass."""
     points = dr.width(gbuffer.position)
-    lanes = diffuse_lanes(gbuffer, volume, cones, config)
+    lanes = diffuse_lanes(gbuffer, volume, cones, config, parameters)
     point, cone, axis, normal = lanes.point, lanes.cone, lanes.axis, lanes.normal
     apex, ratio, phase, active = lanes.apex, lanes.ratio, lanes.phase, lanes.active
+    march = config.march if parameters is None else parameters.march(config.march, cone)
     if config.near_field_voxels > 0.0:
         assert scene is not None, "the near field traces real rays, so it needs the scene"
         near = trace_near_field(scene, volume, apex, normal, axis, config.near_field_voxels, active)
         if tally is not None:
             tally.add_rays(active, dr.width(point))
         active = active & ~near.is_hit
-        traced = march_cone(volume, apex, axis, ratio, phase, config.march, active, near.reach)
+        traced = march_cone(volume, apex, axis, ratio, phase, march, active, near.reach)
         radiance = dr.select(near.is_hit, near.radiance, traced.radiance)
     else:
-        traced = march_cone(volume, apex, axis, ratio, phase, config.march, active)
+        traced = march_cone(volume, apex, axis, ratio, phase, march, active)
         radiance = traced.radiance
     if tally is not None:
         tally.add(traced, active)
     if sky is not None:
         # Cones that hit something nearby are not active any more: they see no sky.
-        aperture = dr.gather(mi.Float, mi.Float(list(cones.apertures)), cone)
+        if parameters is None:
+            aperture = dr.gather(mi.Float, mi.Float(list(cones.apertures)), cone)
+        else:
+            aperture = parameters.lane_apertures(cone)
         beyond = sky.read(axis, aperture) * as_component(traced.transmittance)
         radiance += dr.select(active, beyond, 0.0)
     if cones.frame == "world":
@@ -185,8 +114,12 @@ def _trace_block(
 
     gathered = mi.Color3f(0.0)
     first = dr.arange(mi.UInt32, points)
-    for number, weight in enumerate(cones.weights):
-        share = config.gain * (1.0 if cones.frame == "world" else weight)
+    weights: list[float | mi.Float] = list(cones.weights)
+    if parameters is not None:
+        shares = parameters.normalised_weights()
+        weights = [dr.gather(mi.Float, shares, mi.UInt32(k)) for k in range(cones.cone_count)]
+    for number, weight in enumerate(weights):
+        share = as_component(config.gain * (1.0 if cones.frame == "world" else weight))
         gathered += share * dr.gather(mi.Color3f, radiance, first + number * points)
     return gathered
 
@@ -220,7 +153,11 @@ class DiffuseLanes:
 
 
 def diffuse_lanes(
-    gbuffer: GBuffer, volume: VoxelVolume, cones: ConeSet, config: DiffuseConesConfig
+    gbuffer: GBuffer,
+    volume: VoxelVolume,
+    cones: ConeSet,
+    config: DiffuseConesConfig,
+    parameters: ConeValues | None = None,
 ) -> DiffuseLanes:
     """Return the cones of all points."""
     points = dr.width(gbuffer.position)
@@ -228,10 +165,15 @@ def diffuse_lanes(
     lane = dr.arange(mi.UInt32, points * cones.cone_count)
     point, cone = lane % points, lane // points
     sample_index = dr.gather(mi.UInt32, gbuffer.sample_index, point)
-    axis_local = mi.Vector3f(
-        *(dr.gather(mi.Float, mi.Float([d[i] for d in cones.directions]), cone) for i in range(3))
-    )
-    ratio = dr.gather(mi.Float, mi.Float([ratio_from_aperture(a) for a in cones.apertures]), cone)
+    if parameters is None:
+        axes = ([d[i] for d in cones.directions] for i in range(3))
+        axis_local = mi.Vector3f(*(dr.gather(mi.Float, mi.Float(each), cone) for each in axes))
+        ratios = mi.Float([ratio_from_aperture(a) for a in cones.apertures])
+        ratio = dr.gather(mi.Float, ratios, cone)
+    else:
+        azimuths = mi.Float([math.atan2(y, x) for x, y, _ in cones.directions])
+        axis_local = parameters.local_axis(dr.gather(mi.Float, azimuths, cone), cone)
+        ratio = mi.Float(2.0 * dr.tan(0.5 * parameters.lane_apertures(cone)))
 
     normal = dr.gather(mi.Vector3f, gbuffer.normal, point)
     axis = _world_axes(axis_local, normal, sample_index, cones, config)

@@ -47,8 +47,8 @@ class ConeMarchConfig:
     color: ColorRule = "opacity"
     """How emittance follows it; "depth" knows only "opacity"."""
     correction_factor: float = 1.0
-    """Factor on the step length that opacity and emittance are corrected by, > 0; not for "depth",
-    which is right as it is."""
+    """Factor on the step length that opacity and emittance are corrected by, > 0; "depth" is right
+    with 1, and with another an exponent on what a step lets through, for fits."""
     step_rule: StepRule = "footprint"
     """How long a step is."""
     sample_place: float = 0.5
@@ -115,8 +115,8 @@ class ConeMarchConfig:
                 f'ConeMarchConfig: read="layered" gives optical depth, which {self.correction!r} '
                 'does not correct; use correction="depth" or read="trilinear".'
             )
-        if self.correction == "depth" and (self.color, self.correction_factor) != ("opacity", 1.0):
+        if self.correction == "depth" and self.color != "opacity":
             raise ValueError(
-                'ConeMarchConfig: correction="depth" follows the step exactly; color and '
-                "correction_factor are for the other corrections."
+                'ConeMarchConfig: correction="depth" knows how a step emits; color is for the '
+                "other corrections."
             )

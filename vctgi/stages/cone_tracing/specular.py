@@ -80,6 +80,8 @@ class SpecularConesConfig:
     noise: PhaseNoise = "random"
     """Share of its first step that each cone takes: "none" (the whole step), "random", or "blue":
     one of 16 by the place of its pixel."""
+    aperture_scale: float = 1.0
+    """Factor on the apertures of all lobes, > 0."""
     rough_cone_count: int = 7
     """Cones of a rough lobe: 1 (never split), or one and a ring of 3 to 12 around it."""
     rough_aperture: float = 0.5
@@ -103,6 +105,10 @@ class SpecularConesConfig:
                 "SpecularConesConfig.rough_cone_count must be 1 or "
                 f"{ROUGH_CONE_COUNTS.start}..{ROUGH_CONE_COUNTS.stop - 1}, "
                 f"got {self.rough_cone_count}."
+            )
+        if not self.aperture_scale > 0.0:
+            raise ValueError(
+                f"SpecularConesConfig.aperture_scale must be > 0, got {self.aperture_scale}."
             )
         if not self.rough_aperture > 0.0:
             raise ValueError(
@@ -205,7 +211,10 @@ def _trace_lobe(
 ) -> mi.Color3f:
     """Mean radiance over each point's lobe."""
     # A lobe that is wider than a cone can be ends at WIDEST_CONE.
-    aperture = dr.clip(gbuffer.specular_aperture, config.min_aperture, WIDEST_CONE)
+    aperture = gbuffer.specular_aperture
+    if config.aperture_scale != 1.0:
+        aperture = aperture * config.aperture_scale
+    aperture = dr.clip(aperture, config.min_aperture, WIDEST_CONE)
     lobe = _Cone(gbuffer.specular_axis, aperture)
     active = gbuffer.is_valid & (dr.max(gbuffer.specular_albedo) > 0.0)
     count = config.rough_cone_count

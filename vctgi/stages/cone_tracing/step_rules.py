@@ -7,16 +7,17 @@ import mitsuba as mi
 
 from vctgi.clipmap.sampling import THIN_OPACITY
 from vctgi.maths.stub_gaps import as_component
-from vctgi.stages.cone_tracing.march_config import ConeMarchConfig
+from vctgi.stages.cone_tracing.live_march import AnyMarch
+
+THIN_DEPTH = 1e-2
+"""Optical depth below which the first three terms of a series are exact to single precision."""
 
 WIDEST_SPHERES = 0.9
 """Largest half cone ratio for which spheres that touch have a finite growth; a wider cone takes the
 steps of this one."""
 
 
-def step_length(
-    t: mi.Float, held: mi.Float, cone_ratio: mi.Float, config: ConeMarchConfig
-) -> mi.Float:
+def step_length(t: mi.Float, held: mi.Float, cone_ratio: mi.Float, config: AnyMarch) -> mi.Float:
     """Return the length of the step that begins at a distance.
 
     Parameters
@@ -52,13 +53,20 @@ def seen_in_medium(
         Length, world units.
     """
     stopped = 1.0 - dr.exp(-extinction * step)
+    if dr.grad_enabled(extinction, source, step):
+        # The quotient below has no derivative in single precision where extinction is tiny.
+        depth = extinction * step
+        is_thin = depth < THIN_DEPTH
+        series = 1.0 + depth * (-0.5 + depth * (1.0 / 6.0))
+        share = dr.select(is_thin, series, stopped / dr.select(is_thin, 1.0, depth))
+        return stopped, source * as_component(step * share)
     is_clear = extinction <= 0.0
     seen = source * as_component(stopped / dr.select(is_clear, 1.0, extinction))
     return stopped, dr.select(is_clear, 0.0, seen)
 
 
 def corrected_sample(
-    opacity: mi.Float, emittance: mi.Color3f, voxels: mi.Float, config: ConeMarchConfig
+    opacity: mi.Float, emittance: mi.Color3f, voxels: mi.Float, config: AnyMarch
 ) -> tuple[mi.Float, mi.Color3f]:
     """Return share stopped and radiance added by a sample of voxels.
 

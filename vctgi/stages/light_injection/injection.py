@@ -32,6 +32,7 @@ from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.stages.light_injection.balance import ROUNDS
 from vctgi.stages.light_injection.centre import nearest_keys, offer_splats, radiance_of_keys
 from vctgi.stages.light_injection.config import DEFAULT_CONFIG, LightInjectionConfig
+from vctgi.stages.light_injection.derivative import have_derivatives, make_mirror, mirror_splats
 from vctgi.stages.light_injection.gather import gather_splats
 from vctgi.stages.light_injection.scatter import scatter_splats
 from vctgi.stages.light_injection.splats import (
@@ -234,10 +235,16 @@ def _fill(
     level = target.level
     covered = covered_slots(opacity, level, config.prefilter)
     keys = nearest_keys(target)
+    if have_derivatives(maps) and config.algorithm != "centre":
+        target.mirror = make_mirror(target)
     found, lost, first_texel = 0.0, 0.0, 0
     for rsm in maps:
         for axis in range(3):
-            for splats in make_splats(rsm, covered, axis, config):
+            for attached in make_splats(rsm, covered, axis, config):
+                # Integers have no derivatives, and loops that make them must not look for any.
+                splats = replace(attached, light=dr.detach(attached.light))
+                if target.mirror is not None:
+                    mirror_splats(target.mirror, target, attached, covered, config.prefilter)
                 if config.algorithm == "centre":
                     offer_splats(keys, target, splats, first_texel, level)
                 elif config.algorithm == "gather":
@@ -287,6 +294,11 @@ def _emitted(target: Target, held: mi.UInt32, coverage: mi.Float) -> list[mi.Flo
         mi.Float64(dr.gather(mi.Int64, sums, held)) * per_step[channel // 3]
         for channel, sums in enumerate(target.sums)
     ]
+    if target.mirror is not None:
+        # Values of the integers, derivatives of the mirror: what is added is zero.
+        mirrored = (dr.gather(mi.Float64, sums, held) for sums in target.mirror)
+        pairs = zip(values, mirrored, strict=True)
+        values = [mi.Float64(value + (live - dr.detach(live))) for value, live in pairs]
     emitted = []
     for channel in range(3):
         value = mi.Float64(values[channel])

@@ -35,6 +35,8 @@ class Target:
         For each channel the sums [direction, place] in fixed point.
     steps
         Fixed-point steps per unit of the first three channels, and of the other three.
+    mirror
+        The sums in emittance, with derivatives; None where the light has none.
     """
 
     level: LevelLayout
@@ -43,6 +45,7 @@ class Target:
     count: mi.UInt32
     sums: list[mi.Int64]
     steps: list[float]
+    mirror: list[mi.Float64] | None = None
 
 
 def make_target(

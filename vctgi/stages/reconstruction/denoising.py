@@ -135,6 +135,8 @@ def filter_specular(
         body=add_tap,
         labels=("number", "total", "total_weight"),
         label="filter_specular",
+        # A sum of taps that do not know each other needs no memory of them in reverse mode.
+        max_iterations=-1,
     )
     mean = total / as_component(dr.select(is_reflecting, total_weight, 1.0))
     return dr.select(is_reflecting, mean, radiance)

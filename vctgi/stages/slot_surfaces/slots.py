@@ -169,10 +169,14 @@ def sum_in_slots(
     count = dr.width(index)
     place = _places(index, level)
     sums = [dr.zeros(mi.Int64, count) for _ in range(10)]
+    live = _live_sums(samples, count)
     if samples.count:
         for axis in range(3):
             for target, values in _amounts(samples, place, axis, level, rule):
-                for held, value in zip(sums, values, strict=True):
+                for mirror, value in zip(live, values[1:4], strict=False):
+                    amount = mi.Float64(value)
+                    dr.scatter_reduce(dr.ReduceOp.Add, mirror, amount, target, target != NOWHERE)
+                for held, value in zip(sums, dr.detach(values), strict=True):
                     steps = mi.Int64(dr.round(mi.Float64(value) * STEPS_PER_FACE))
                     dr.scatter_reduce(
                         dr.ReduceOp.Add,
@@ -184,11 +188,33 @@ def sum_in_slots(
                     )
         dr.eval(sums)
     found = [mi.Float(mi.Float64(held) * (1.0 / STEPS_PER_FACE)) for held in sums]
+    for number, mirror in enumerate(live, start=1):
+        # Zero, with the derivatives of the mirror
+        slope = mi.Float(mirror - dr.detach(mirror))
+        found[number] = found[number] + slope
     result = SlotSums(
         found[0], mi.Color3f(*found[1:4]), mi.Vector3f(*found[4:7]), mi.Vector3f(*found[7:10])
     )
     dr.eval(result)
     return result
+
+
+def _live_sums(samples: SurfaceSamples, count: int) -> list[mi.Float64]:
+    """Return sums for the three channels of reflected light if it has derivatives, else none.
+
+    Raises
+    ------
+    ValueError
+        The places of surfaces have derivatives, which slots do not follow smoothly.
+    """
+    if dr.grad_enabled(samples.position, samples.normal, samples.area):
+        raise ValueError(
+            "describe_slots: vertices have derivatives, and light of more than one bounce does not "
+            "follow them smoothly: detach them, or set RenderConfig.scattering_count to 2."
+        )
+    if not dr.grad_enabled(samples.reflected):
+        return []
+    return [dr.zeros(mi.Float64, count) for _ in range(3)]
 
 
 def _places(index: mi.UInt32, level: LevelLayout) -> mi.UInt32:

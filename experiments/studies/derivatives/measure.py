@@ -1,0 +1,72 @@
+"""One derivative in three ways: forward mode, reverse mode, and central differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from experiments.studies.derivatives.room import way_of
+
+Picture = Callable[[Any], "mi.Float"]
+
+LEAST_SHARE = 0.02
+"""Share of the mean picture below which a derivative counts as so much: 5 % of it are the 0.1 % of
+the mean by which any derivative may be off."""
+
+
+def moved(start: Any, share: float) -> Any:
+    """Return values that are larger by a share of themselves, opaque."""
+    numbers = np.array(start, dtype=np.float64)
+    way = way_of(numbers.size).reshape(numbers.shape)
+    found = type(start)(np.float32(numbers * (1.0 + share * way)))
+    dr.make_opaque(found)
+    return found
+
+
+def mean_picture(picture: Picture, values: Any) -> float:
+    """Return the mean of a picture, summed in double precision."""
+    return float(np.mean(np.array(picture(values), dtype=np.float64)))
+
+
+def by_differences(picture: Picture, start: Any, step: float) -> float:
+    """Return the derivative of the mean picture by the share, from both sides."""
+    upper, lower = (mean_picture(picture, moved(start, sign * step)) for sign in (1.0, -1.0))
+    return (upper - lower) / (2.0 * step)
+
+
+def by_reverse_mode(picture: Picture, start: Any) -> float:
+    """Return the same derivative by walking backward from the picture."""
+    values = moved(start, 0.0)
+    dr.enable_grad(values)
+    numbers = picture(values)
+    dr.backward(numbers * (1.0 / dr.width(numbers)))
+    slope = np.array(dr.grad(values), dtype=np.float64)
+    held = np.array(start, dtype=np.float64)
+    return float(np.sum(slope * held * way_of(held.size).reshape(held.shape)))
+
+
+def by_forward_mode(picture: Picture, start: Any) -> float:
+    """Return the same derivative by walking forward from the parameter."""
+    values = moved(start, 0.0)
+    held = np.array(start, dtype=np.float64)
+    dr.enable_grad(values)
+    dr.set_grad(values, type(start)(np.float32(held * way_of(held.size).reshape(held.shape))))
+    numbers = picture(values)
+    slope = dr.forward_to(numbers, flags=dr.ADFlag.ClearEdges)
+    return float(np.mean(np.array(slope, dtype=np.float64)))
+
+
+MODES: dict[str, Callable[[Picture, Any], float]] = {
+    "forward": by_forward_mode,
+    "reverse": by_reverse_mode,
+}
+"""Both modes by name."""
+
+
+def disagreement(found: float, wanted: float, mean: float) -> float:
+    """Return how far a derivative is off, relative to it or to the least that counts."""
+    return abs(found - wanted) / max(abs(wanted), LEAST_SHARE * mean)

@@ -1,0 +1,205 @@
+"""One step of a cone: where it reads, which levels, what the step stops and what it adds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from vctgi.clipmap.levels import WINDOW_MARGIN_VOXELS, ClipmapLayout
+from vctgi.clipmap.sampling import read_medium, read_sample
+from vctgi.clipmap.storage import VoxelVolume
+from vctgi.maths.stub_gaps import as_component
+from vctgi.stages.cone_tracing.live_march import AnyMarch, LiveMarch
+from vctgi.stages.cone_tracing.step_rules import corrected_sample, seen_in_medium, step_length
+
+LEVEL_BLEND = 0.15
+"""Outer share of a window's half extent over which it fades into the next coarser level."""
+
+PARALLEL = 1e-12
+"""Direction components below this count as parallel to a face of the window."""
+
+
+SMALLEST_FOOTPRINT = 1e-12
+"""Footprint in finest voxels below which a cone is a ray in derivatives."""
+
+
+@dataclass
+class ConeRay:
+    """A cone as its steps see it.
+
+    Attributes
+    ----------
+    apex, axis
+        Where it starts, and its unit direction.
+    ratio
+        Footprint diameter over distance.
+    t_end
+        Where it ends, world units.
+    """
+
+    apex: mi.Point3f
+    axis: mi.Vector3f
+    ratio: mi.Float
+    t_end: mi.Float
+
+
+def next_step(
+    layout: ClipmapLayout, cone: ConeRay, t: mi.Float, step_share: mi.Float, config: AnyMarch
+) -> mi.Float:
+    """Return the length of the step that begins at a distance, world units.
+
+    The footprint sets it, the voxels that exist there bound it from below, and it ends with the
+    cone. Of the first step only a share is taken.
+    """
+    p_begin = mi.Point3f(dr.fma(cone.axis, t, cone.apex))
+    held = layout.finest_voxel_size * dr.exp2(finest_level(layout, p_begin))
+    step = step_length(t, held, cone.ratio, config)
+    return dr.minimum(step * step_share, cone.t_end - t)
+
+
+def read_step(
+    volume: VoxelVolume, cone: ConeRay, t: mi.Float, step: mi.Float, config: AnyMarch
+) -> tuple[mi.Float, mi.Color3f]:
+    """Return the share that the step from a distance stops, and the radiance that it adds."""
+    # Voxels at one place of the step, between the two levels that enclose the footprint there.
+    t_read = dr.fma(config.sample_place, step, t)
+    p_read = mi.Point3f(dr.fma(cone.axis, t_read, cone.apex))
+    stopped, seen = step_at(volume, p_read, cone.axis, cone.ratio * t_read, step, config)
+    if config.falloff_length is not None:
+        seen = mi.Color3f(stopped * dr.exp(t_read * (-1.0 / config.falloff_length)))
+    return stopped, seen
+
+
+def advanced(t: mi.Float, step: mi.Float) -> mi.Float:
+    """Return the distance behind a step, which is farther even where the step is too short."""
+    next_float: float = 1.0 + dr.epsilon(mi.Float)  # type: ignore[no-untyped-call]
+    return dr.maximum(t + step, t * next_float)
+
+
+def step_at(
+    volume: VoxelVolume,
+    p_world: mi.Point3f,
+    axis: mi.Vector3f,
+    footprint: mi.Float,
+    step: mi.Float,
+    config: AnyMarch,
+) -> tuple[mi.Float, mi.Color3f]:
+    """Return the share that a step stops and the radiance that it adds, between two levels.
+
+    Parameters
+    ----------
+    volume, axis, config
+        As for `march_cone`.
+    p_world
+        Where the voxels are read.
+    footprint
+        Diameter of the cone there, world units.
+    step
+        Length of the step, world units.
+    """
+    layout = volume.layout
+    last = len(layout.levels) - 1
+    level = level_read(layout, p_world, footprint, config)
+    finer = dr.minimum(mi.UInt32(level), max(last - 1, 0))
+    coarser = dr.minimum(finer + 1, last)
+    blend = level - mi.Float(finer)
+    places = [(each, p_world - _pull_back(layout, each, axis, config)) for each in (finer, coarser)]
+
+    if config.correction == "depth":
+        near, far = (
+            read_medium(volume, each, place, axis, config.read, config.weights)
+            for each, place in places
+        )
+        extinction = dr.lerp(near.extinction, far.extinction, blend)
+        source = dr.lerp(near.source, far.source, as_component(blend))
+        if isinstance(config, LiveMarch) or config.correction_factor != 1.0:
+            step = step * config.correction_factor
+        return seen_in_medium(extinction, source, step)
+    fine, coarse = (
+        read_sample(volume, each, place, axis, config.weights) for each, place in places
+    )
+    opacity = dr.lerp(fine.opacity, coarse.opacity, blend)
+    emitted = dr.lerp(fine.emittance, coarse.emittance, as_component(blend))
+    voxels = step / (layout.finest_voxel_size * dr.exp2(level))
+    return corrected_sample(opacity, emitted, voxels * config.correction_factor, config)
+
+
+def level_read(
+    layout: ClipmapLayout, p_world: mi.Point3f, footprint: mi.Float, config: AnyMarch
+) -> mi.Float:
+    """Return the fractional level that a cone of this footprint is read from at a point."""
+    if dr.grad_enabled(footprint):
+        # The logarithm of a footprint of 0 has no derivative; no level is as fine as this.
+        footprint = dr.maximum(footprint, SMALLEST_FOOTPRINT * layout.finest_voxel_size)
+    wanted = dr.log2(footprint / layout.finest_voxel_size) + config.level_bias
+    last = float(len(layout.levels) - 1)
+    return mi.Float(dr.clip(dr.maximum(wanted, finest_level(layout, p_world)), 0.0, last))
+
+
+def limited_end(
+    layout: ClipmapLayout, t_end: mi.Float, cone_ratio: mi.Float, config: AnyMarch
+) -> mi.Float:
+    """Return where cones end that have a limit of their own."""
+    if config.max_distance_voxels is not None:
+        t_end = dr.minimum(t_end, config.max_distance_voxels * layout.finest_voxel_size)
+    if config.max_footprint_voxels is not None:
+        widest = config.max_footprint_voxels * layout.finest_voxel_size
+        t_end = dr.minimum(t_end, widest / dr.maximum(cone_ratio, PARALLEL))
+    return t_end
+
+
+def _pull_back(
+    layout: ClipmapLayout, level: mi.UInt32, axis: mi.Vector3f, config: AnyMarch
+) -> mi.Point3f:
+    """Return by how much a level is read before the sample, world units."""
+    distance = config.pull_back_voxels * layout.finest_voxel_size * dr.exp2(mi.Float(level))
+    return mi.Point3f(axis * as_component(distance))
+
+
+def finest_level(layout: ClipmapLayout, p_world: mi.Point3f) -> mi.Float:
+    """Return the finest level that holds a point, fractional where its window fades out.
+
+    Parameters
+    ----------
+    layout
+        The clipmap.
+    p_world
+        World points, inside the coarsest window or not.
+
+    Returns
+    -------
+    mi.Float
+        Level in [0, clip_level_count - 1].
+    """
+    last = layout.clip_level_count - 1
+    if last == 0:
+        return mi.Float(0.0)
+    offset = dr.abs(p_world - mi.Point3f(*layout.centre))
+    distance = mi.Float(dr.maximum(dr.maximum(offset.x, offset.y), offset.z))
+    half_extent = (0.5 * layout.resolution - WINDOW_MARGIN_VOXELS) * layout.finest_voxel_size
+    # Smallest level whose window holds the point, then a ramp over the rim of that window.
+    windows = dr.maximum(distance / half_extent, 0.5)
+    level = dr.maximum(dr.ceil(dr.log2(windows)), 0.0)
+    share = distance / (half_extent * dr.exp2(level))
+    ramp = dr.clip((share - (1.0 - LEVEL_BLEND)) / LEVEL_BLEND, 0.0, 1.0)
+    return dr.minimum(level + ramp, float(last))
+
+
+def march_range(
+    layout: ClipmapLayout, apex: mi.Point3f, axis: mi.Vector3f, cone_ratio: mi.Float
+) -> tuple[mi.Float, mi.Float]:
+    """Return where a cone enters and leaves the coarsest window, or an end of -1 if it misses it.
+
+    The end lies one footprint behind the rim, so that walls at the rim are not cut.
+    """
+    box = layout.coarsest
+    # A direction parallel to a face would make 0 * inf = NaN where the apex lies on it.
+    inverse = 1.0 / dr.select(dr.abs(axis) < PARALLEL, PARALLEL, axis)
+    t0 = mi.Vector3f(mi.Point3f(*box.window_min) - apex) * inverse
+    t1 = mi.Vector3f(mi.Point3f(*box.window_max) - apex) * inverse
+    lower, upper = dr.minimum(t0, t1), dr.maximum(t0, t1)
+    enter, leave = mi.Float(dr.max(lower)), mi.Float(dr.min(upper))
+    is_hit = (leave > enter) & (leave > 0.0)
+    return dr.maximum(enter, 0.0), dr.select(is_hit, leave * (1.0 + cone_ratio), -1.0)
