@@ -98,7 +98,7 @@ PALETTES = {
         ("area", "directional"),
         settings={"sky_lighting": "cones"},
     ),
-    "many": Palette(
+    "principled": Palette(
         ("principled", "blend", "mask"),
         ("spot", "constant"),
         settings={"scattering_count": 3, "sky_lighting": "cones", "sky_in_cones": True},

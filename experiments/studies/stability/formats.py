@@ -83,7 +83,7 @@ def cases() -> list[StabilityCase]:
             in_quick=False,
         ),
     ]
-    if mi.variant().startswith("cuda"):
+    if (mi.variant() or "").startswith("cuda"):
         found.append(_largest())
     return found
 

@@ -110,8 +110,8 @@ def cases() -> list[StabilityCase]:
 
 def _placed(outer: Any, length: float = 1.0, reach: float = 1.0) -> dict[str, Any]:
     """Return the room after a transform, with the camera's clips scaled as the room is."""
-    clips = {"near_clip": 1e-3 * length, "far_clip": 1e2 * length * reach}
-    return room(outer, sensor=camera(outer, **clips))
+    sensor = {**camera(outer), "near_clip": 1e-6 * length, "far_clip": 1e2 * length * reach}
+    return room(outer, sensor=sensor)
 
 
 def _scaled(context: StudyContext, scale: float) -> Outcome:

@@ -55,7 +55,7 @@ def settings(scale: float = 1.0, centre: tuple[float, float, float] = (0.0, 0.0,
     )
 
 
-def camera(outer: Any = None, width: int = EDGE, height: int = EDGE, **more: Any) -> Parts:
+def camera(outer: Any = None, width: int = EDGE, height: int = EDGE) -> Parts:
     """Return the camera in its corner of the room that `outer` moved, scaled or mirrored."""
     matrix = np.array(_placed(outer).matrix, dtype=np.float64).reshape(4, 4)
     # A camera may not be scaled itself, so it is placed anew.
@@ -72,7 +72,7 @@ def camera(outer: Any = None, width: int = EDGE, height: int = EDGE, **more: Any
     }
     # Mitsuba's rays begin at a plane before the eye, its own default of which reaches into walls.
     sensor: Parts = {"type": "perspective", "fov": 80.0, "near_clip": 1e-6}
-    return {**sensor, "to_world": place, "film": film, **more}
+    return {**sensor, "to_world": place, "film": film}
 
 
 def walls(outer: Any = None, **more: Any) -> Parts:
