@@ -107,11 +107,15 @@ PALETTES = {
 }
 """Which of them a scene is of."""
 
-SMALL_TO_LARGE = st.floats(-3.0, 0.5).map(lambda power: float(10.0**power))
-POWERS = st.one_of(st.just(0.0), st.floats(-6.0, 6.0).map(lambda power: float(10.0**power)))
+SMALL_TO_LARGE = st.one_of(
+    st.floats(0.2, 2.0), st.floats(-3.0, 0.5).map(lambda power: float(10.0**power))
+)
+SOME_POWER = st.floats(-6.0, 6.0).map(lambda power: float(10.0**power))
+POWERS = st.one_of(*[SOME_POWER] * 7, st.just(0.0))
 SHARES = st.one_of(st.sampled_from([0.0, 1.0]), st.floats(0.0, 1.0, width=32))
 COORDINATES = st.one_of(st.sampled_from([-1.0, 0.0, 1.0]), st.floats(-3.0, 3.0, width=32))
 POINTS = st.tuples(COORDINATES, COORDINATES, COORDINATES)
+GROUNDS = st.sampled_from([(3.0, 3.0, 1.0), (-3.0, 3.0, 1.0), (30.0, 30.0, 1.0)])
 
 
 @dataclass(frozen=True)
@@ -171,7 +175,12 @@ def scenes(palette: Palette) -> st.SearchStrategy[FuzzedScene]:
     """Draw scenes of a palette."""
     bsdf = st.integers(0, len(palette.bsdfs) - 1)
     seed = st.integers(0, 1000)
-    one_of_each = [st.tuples(st.just(kind), placements(), bsdf, seed) for kind in palette.shapes]
+    # The first one is a ground, so that most scenes have something to be seen and lit.
+    grounds = st.builds(Placement, GROUNDS, POINTS, st.just(0.0), st.just((0.0, 0.0, -1.0)))
+    one_of_each = [
+        st.tuples(st.just(kind), placements() if number else grounds, bsdf, seed)
+        for number, kind in enumerate(palette.shapes)
+    ]
     count = len(palette.emitters)
     return st.builds(
         FuzzedScene,
@@ -181,7 +190,7 @@ def scenes(palette: Palette) -> st.SearchStrategy[FuzzedScene]:
         powers=st.tuples(*[POWERS] * count),
         places=st.tuples(*[POINTS] * count),
         eye=POINTS,
-        target=POINTS,
+        target=st.tuples(*[st.floats(-0.5, 0.5, width=32)] * 3),
         fov=st.one_of(st.sampled_from([0.01, 179.0]), st.floats(1.0, 170.0)),
     )
 
