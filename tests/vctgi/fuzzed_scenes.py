@@ -21,6 +21,7 @@ from vctgi.clipmap.levels import ClipmapConfig
 from vctgi.clipmap.storage import StorageConfig
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
+from vctgi.stages.cone_tracing.ambient import AmbientConfig
 
 RESOLUTION, LEVELS, EDGE = 16, 2, 8
 WINDOW = 6.4
@@ -28,6 +29,9 @@ WINDOW = 6.4
 
 
 FLAT = ("rectangle", "cube", "soup", "soup", "cube")
+RANGE = AmbientConfig(range_world=0.6, range_share=None)
+"""Kernels hold it, and a share of the scene would be another for every scene."""
+
 ROUND = ("rectangle", "sphere", "cylinder", "disk", "soup")
 
 
@@ -103,7 +107,9 @@ PALETTES = {
         ("spot", "constant"),
         settings={"scattering_count": 3, "sky_lighting": "cones", "sky_in_cones": True},
     ),
-    "ambient": Palette(("diffuse", "mask"), ("point",), ROUND, settings={"mode": "ambient"}),
+    "ambient": Palette(
+        ("diffuse", "mask"), ("point",), ROUND, settings={"mode": "ambient", "ambient": RANGE}
+    ),
 }
 """Which of them a scene is of."""
 
