@@ -37,7 +37,7 @@ the next voxel, and a few rays on the other side of an edge."""
 HUGE = (1e3, 1e6)
 """Edge of a triangle, in edges of the level."""
 
-HUGE_ENERGY: Limits = (0.98, 1.02)
+HUGE_ENERGY: Limits = (0.99, 1.01)
 """Where single precision puts a hit on such a triangle, light starts a little off it."""
 
 TINY_COUNT = 256
