@@ -21,6 +21,7 @@ from vctgi.clipmap.levels import ClipmapConfig
 from vctgi.clipmap.storage import StorageConfig
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
+from vctgi.scene.sky import SkyConfig
 from vctgi.stages.cone_tracing.ambient import AmbientConfig
 
 RESOLUTION, LEVELS, EDGE = 16, 2, 8
@@ -105,7 +106,7 @@ PALETTES = {
     "principled": Palette(
         ("principled", "blend", "mask"),
         ("spot", "constant"),
-        settings={"scattering_count": 3, "sky_lighting": "cones", "sky_in_cones": True},
+        settings={"sky_in_cones": True, "sky": SkyConfig(resolution=16, samples_per_edge=2)},
     ),
     "ambient": Palette(
         ("diffuse", "mask"), ("point",), ROUND, settings={"mode": "ambient", "ambient": RANGE}

@@ -48,6 +48,7 @@ def test_a_few_random_scenes_give_sound_light(name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)  # A minute by itself, and several on a machine that is busy
 @pytest.mark.parametrize("name", PALETTES)
 def test_many_random_scenes_give_sound_light(name: str) -> None:
     palette = PALETTES[name]
