@@ -106,7 +106,7 @@ PALETTES = {
     "principled": Palette(
         ("principled", "blend", "mask"),
         ("spot", "constant"),
-        settings={"sky_in_cones": True, "sky": SkyConfig(resolution=16, samples_per_edge=2)},
+        settings={"sky_in_cones": True, "sky": SkyConfig(resolution=32, samples_per_edge=2)},
     ),
     "ambient": Palette(
         ("diffuse", "mask"), ("point",), ROUND, settings={"mode": "ambient", "ambient": RANGE}
