@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import mitsuba as mi
 
-if TYPE_CHECKING:
-    from drjit.auto.ad import Color3f
 
-
-def channel_mean(color: mi.Color3f | Color3f) -> mi.Float:
+def channel_mean(color: mi.Color3f) -> mi.Float:
     """Return the mean of three channels.
 
     `dr.mean` writes the number of lanes into the kernel, so that each number compiles its own.
