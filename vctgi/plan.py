@@ -294,4 +294,4 @@ def _holds(layout: ClipmapLayout, low: np.ndarray, high: np.ndarray) -> bool:
 
 
 def _extent(layout: ClipmapLayout) -> float:
-    return layout.coarsest.resolution * layout.coarsest.voxel_size
+    return layout.extent

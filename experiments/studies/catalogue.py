@@ -67,6 +67,10 @@ STUDIES = {
         "experiments.studies.pareto",
         "How much error is left for how much time, by cones, by paths, by denoised paths?",
     ),
+    "stability": StudyEntry(
+        "experiments.studies.stability",
+        "Do stiff and extreme scenes and settings still give sound light?",
+    ),
     "validation": StudyEntry(
         "experiments.studies.validation",
         "Do the metrics of artefacts find what is there, and nothing else?",

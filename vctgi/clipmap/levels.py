@@ -139,6 +139,11 @@ class ClipmapLayout:
         """The coarsest clip level, whose window bounds everything that cones can meet."""
         return self.levels[self.clip_level_count - 1]
 
+    @property
+    def extent(self) -> float:
+        """Edge of the coarsest window, world units."""
+        return self.coarsest.resolution * self.coarsest.voxel_size
+
     @cached_property
     def voxel_offsets(self) -> tuple[int, ...]:
         """First voxel of each level in storage, counting the voxels of all levels before it."""

@@ -113,6 +113,14 @@ TEA_ROUNDS = 8
 """Rounds of the hash; Mitsuba's default of 4 is far from uniform on small consecutive numbers."""
 
 
+def front_normal(si: mi.SurfaceInteraction3f) -> mi.Vector3f:
+    """Return the geometric normal on the side of the shading normal, which BSDFs call the front.
+
+    The two differ in side where a mirroring has turned the winding of a mesh with vertex normals.
+    """
+    return face_forward(mi.Vector3f(si.n), mi.Vector3f(si.sh_frame.n))
+
+
 def face_forward(normal: mi.Vector3f, direction: mi.Vector3f) -> mi.Vector3f:
     """Return `normal` or its opposite, whichever lies in the hemisphere of `direction`."""
     return dr.select(dr.dot(normal, direction) < 0.0, -normal, normal)

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import math
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 
-def half_extent(scene: mi.Scene) -> mi.Float:
-    """Return half the longest edge of a scene's bounds, world units, as no kernel's constant."""
+def half_extent(scene: mi.Scene, window: float = math.inf) -> mi.Float:
+    """Return half the longest edge of a scene's bounds, world units, as no kernel's constant.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    window
+        Edge of the part of it that is shown, if that is less: a ground a million times as large
+        must not push rays out of a room.
+    """
     low, high = scene_bounds(scene)
-    return dr.opaque(mi.Float, 0.5 * float(np.max(high - low)))
+    return dr.opaque(mi.Float, 0.5 * min(float(np.max(high - low)), window))
 
 
 def scene_bounds(scene: mi.Scene) -> tuple[np.ndarray, np.ndarray]:

@@ -158,6 +158,7 @@ def _mesh_from_shape(shape: mi.Shape, name: str, *, is_in_scene: bool) -> ShapeM
             if shape.has_vertex_texcoords()
             else np.zeros((len(positions), 2))
         )
+        faces = _wound_as_shaded(shape, positions, faces)
         # Mitsuba keeps the winding of a mesh with flipped normals and turns the normals alone.
         if shape.has_flipped_normals():
             faces = faces[:, ::-1]
@@ -165,6 +166,20 @@ def _mesh_from_shape(shape: mi.Shape, name: str, *, is_in_scene: bool) -> ShapeM
     if shape.class_name() not in ANALYTIC_SURFACES:
         return None
     return _tessellated(shape, name)
+
+
+def _wound_as_shaded(shape: mi.Mesh, positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Turn over the faces whose winding contradicts the normals of their vertices.
+
+    Mitsuba shades the side that vertex normals name, and a mirroring `to_world` turns the winding
+    against them.
+    """
+    if not shape.has_vertex_normals():
+        return faces
+    normals = np.array(shape.vertex_normals_buffer(), dtype=np.float64).reshape(-1, 3)
+    a, b, c = (positions[faces[:, corner]] for corner in range(3))
+    facing = np.einsum("ij,ij->i", np.cross(b - a, c - a), normals[faces].sum(axis=1))
+    return np.where((facing < 0.0)[:, None], faces[:, ::-1], faces)
 
 
 def _sphere(u: np.ndarray, v: np.ndarray) -> np.ndarray:

@@ -14,7 +14,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from vctgi.maths.directions import face_forward, offset_from_surface, random_unit
+from vctgi.maths.directions import (
+    face_forward,
+    front_normal,
+    offset_from_surface,
+    random_unit,
+)
 from vctgi.maths.stub_gaps import as_mask
 from vctgi.scene.camera import survey_rays
 from vctgi.scene.extent import half_extent
@@ -177,13 +182,21 @@ def _count(
 ) -> None:
     """Add one vote for the side that each ray hit."""
     number = _registry_number(si.shape)
-    is_known = si.is_valid() & (number < dr.width(first_face))
+    # Opaque: registry numbers differ from scene to scene, and kernels should not.
+    is_known = si.is_valid() & (number < dr.opaque(mi.UInt32, dr.width(first_face)))
     start = dr.gather(mi.Int32, first_face, number, is_known)
     is_known &= start >= 0
     face = mi.UInt32(start) + si.prim_index
     triangle = dr.gather(mi.Int32, kept, face, is_known)
     is_known &= triangle >= 0
-    side = dr.select(dr.dot(mi.Vector3f(si.n), d) < 0.0, mi.UInt32(0), mi.UInt32(1))
+    side = dr.select(dr.dot(front_normal(si), d) < 0.0, mi.UInt32(0), mi.UInt32(1))
+    # Dr.Jit's own choice on the CPU, a copy of the votes for each thread, writes their number into
+    # the kernel: every scene would compile its own.
     dr.scatter_reduce(
-        dr.ReduceOp.Add, votes, mi.UInt32(1), 2 * mi.UInt32(triangle) + side, is_known
+        dr.ReduceOp.Add,
+        votes,
+        mi.UInt32(1),
+        2 * mi.UInt32(triangle) + side,
+        is_known,
+        dr.ReduceMode.Local,
     )

@@ -17,6 +17,7 @@ import mitsuba as mi
 
 from vctgi.clipmap.slot_surfaces import SlotSurfaces
 from vctgi.clipmap.storage import EmittanceClipmap
+from vctgi.maths.colors import channel_mean
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.maths.stub_gaps import as_component
 from vctgi.scene.receivers import diffuse_receivers
@@ -144,7 +145,7 @@ def emitted_flux(emittance: EmittanceClipmap, surfaces: Sequence[SlotSurfaces]) 
         if each.count:
             color = dr.gather(mi.Color3f, emittance.levels[each.level.level], each.index)
             face = math.pi * each.level.voxel_size**2
-            total += face * float(dr.sum(mi.Float64(dr.mean(color)))[0])
+            total += face * float(dr.sum(mi.Float64(channel_mean(color)))[0])
     return total
 
 

@@ -23,3 +23,9 @@ def test_curved_shapes_have_their_own_bounds() -> None:
     scene = load(ball={"type": "sphere"}, disk={"type": "disk", "to_world": moved})
     low, high = scene_bounds(scene)
     np.testing.assert_allclose([low, high], [[-1, -1, -1], [6, 1, 1]], atol=1e-5)
+
+
+def test_what_is_not_shown_does_not_count() -> None:
+    whole = load(**room(mi.ScalarTransform4f().scale(1e6)))
+    assert float(half_extent(whole, 3.0)[0]) == pytest.approx(1.5)
+    assert float(half_extent(load(**room()), 3.0)[0]) == pytest.approx(1.0)

@@ -85,6 +85,13 @@ class DiffuseConesConfig:
             )
 
         self._check_cones()
+        widest = max(self.cones().apertures)
+        if not widest < math.pi:
+            raise ValueError(
+                f"DiffuseConesConfig.aperture_scale {self.aperture_scale:g} gives a cone an "
+                f"aperture of {math.degrees(widest):.0f} degrees: lower it, they must stay "
+                "below 180."
+            )
 
     def _check_cones(self) -> None:
         for name, limit, includes_zero in CONE_LIMITS:

@@ -71,7 +71,8 @@ def trace_near_field(
     level = mi.UInt32(dr.ceil(finest_level(volume.layout, apex)))
     voxel_size = volume.layout.finest_voxel_size * dr.exp2(mi.Float(level))
     reach = reach_voxels * voxel_size
-    ray = mi.Ray3f(offset_from_surface(apex, normal, half_extent(scene)), axis)
+    scale = half_extent(scene, volume.layout.extent)
+    ray = mi.Ray3f(offset_from_surface(apex, normal, scale), axis)
     ray.maxt = as_component(reach)
     si = scene.ray_intersect(ray, int(mi.RayFlags.Minimal), as_mask(False), as_mask(active))
     is_hit = mi.Bool(si.is_valid()) & active

@@ -43,14 +43,19 @@ GRAZING = 0.1
 
 
 def lamp_rays(
-    scene: mi.Scene, lights: list[Light], counts: np.ndarray, *, is_survey: bool = False
+    scene: mi.Scene,
+    lights: list[Light],
+    counts: np.ndarray,
+    layout: ClipmapLayout,
+    *,
+    is_survey: bool = False,
 ) -> tuple[mi.Ray3f, mi.Color3f, mi.UInt32, mi.UInt32]:
     """Return rays that share the power of lamps.
 
     Parameters
     ----------
-    scene
-        It sets the distance at which rays leave a lamp's own surface.
+    scene, layout
+        They set the distance at which rays leave a lamp's own surface.
     lights
         Finite lights.
     counts
@@ -91,7 +96,7 @@ def lamp_rays(
     is_area = as_mask((kind & AREA) != 0)
     on_lamp, _ = emitter.sample_position(as_component(0.0), position, is_area)
     side = face_forward(mi.Vector3f(on_lamp.n), ray.d)
-    start = offset_from_surface(on_lamp.p, side, half_extent(scene))
+    start = offset_from_surface(on_lamp.p, side, half_extent(scene, layout.extent))
     ray.o = dr.select(is_area, start, ray.o)
     return ray, mi.Color3f(weight), which, texel
 
@@ -143,7 +148,9 @@ def survey_lamps(
 ) -> LampSurvey:
     """Send `edge`^2 rays from each lamp and see where they land."""
     count = len(lights)
-    ray, weight, _, _ = lamp_rays(scene, lights, np.full(count, edge * edge), is_survey=True)
+    ray, weight, _, _ = lamp_rays(
+        scene, lights, np.full(count, edge * edge), layout, is_survey=True
+    )
     si = scene.ray_intersect(ray, as_mask(True))
     met = meets_front(si, mi.Vector3f(ray.d))
     distance = dr.select(si.is_valid(), si.t, 0.0)

@@ -9,7 +9,7 @@ from vctgi.clipmap.addressing import is_inside, texel_from_voxel
 from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.slots import filled_layers, surface_slot
 from vctgi.clipmap.storage import OpacityClipmap
-from vctgi.maths.directions import face_forward
+from vctgi.maths.directions import face_forward, front_normal
 from vctgi.maths.stub_gaps import as_mask
 from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.scene.reflectance import hemispherical_albedo
@@ -128,5 +128,5 @@ def is_seen(
 def meets_front(si: mi.SurfaceInteraction3f, d: mi.Vector3f) -> mi.Bool:
     """Whether light meets a surface on a side on which its BSDF does anything."""
     front, back = (mi.UInt32(int(flag)) for flag in (mi.BSDFFlags.FrontSide, mi.BSDFFlags.BackSide))
-    side = dr.select(dr.dot(mi.Vector3f(si.n), d) < 0.0, front, back)
+    side = dr.select(dr.dot(front_normal(si), d) < 0.0, front, back)
     return mi.Bool(si.is_valid() & ((mi.UInt32(si.bsdf().flags()) & side) != 0))

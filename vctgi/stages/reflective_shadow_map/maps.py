@@ -106,7 +106,7 @@ def _light_by_lamps(
     chosen = [lights[index] for index in lamps]
     config, full, most = limits
     counts = deal_texels(scene, chosen, layout, config.texels_per_face, (full, most))
-    ray, weight, which, texel = lamp_rays(scene, chosen, counts)
+    ray, weight, which, texel = lamp_rays(scene, chosen, counts, layout)
     texel_count = dr.gather(mi.UInt32, mi.UInt32(counts.astype(np.uint32)), which)
     flux = weight / as_component(mi.Float(texel_count))
     owner = dr.gather(mi.UInt32, mi.UInt32(np.array(lamps, dtype=np.uint32)), which)

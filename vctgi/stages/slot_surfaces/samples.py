@@ -13,6 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from vctgi.clipmap.levels import LevelLayout
+from vctgi.maths.colors import channel_mean
 from vctgi.maths.directions import kronecker_points, random_bits, random_unit
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.reflectance import hemispherical_albedo
@@ -93,7 +94,7 @@ def shade_surfaces(
     from_front = mi.warp.square_to_cosine_hemisphere(place)
     si.wi = dr.select(mi.Frame3f.cos_theta(si.wi) < 0.0, -from_front, from_front)
     is_found = si.is_valid()
-    opaque = 1.0 - mi.Float(dr.mean(mi.Color3f(si.bsdf().eval_null_transmission(si))))
+    opaque = 1.0 - channel_mean(mi.Color3f(si.bsdf().eval_null_transmission(si)))
     albedo = hemispherical_albedo(si, number)
     samples = SurfaceSamples(
         position=position,

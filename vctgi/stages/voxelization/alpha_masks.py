@@ -8,6 +8,7 @@ from typing import cast
 import drjit as dr
 import mitsuba as mi
 
+from vctgi.maths.colors import channel_mean
 from vctgi.maths.directions import random_unit
 from vctgi.maths.stub_gaps import as_component
 from vctgi.stages.voxelization.columns import CELLS_PER_EDGE, Columns
@@ -84,4 +85,4 @@ def _passed(mask: mi.BSDFPtr, uv: mi.Point2f) -> mi.Float:
     si.uv = uv
     si.wi = mi.Vector3f(0.0, 0.0, 1.0)
     si.sh_frame = mi.Frame3f(mi.Vector3f(0.0, 0.0, 1.0))
-    return mi.Float(dr.mean(mi.Color3f(mask.eval_null_transmission(si))))
+    return channel_mean(mi.Color3f(mask.eval_null_transmission(si)))

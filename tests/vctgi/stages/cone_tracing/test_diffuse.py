@@ -113,6 +113,7 @@ def test_cones_of_the_world_see_the_same_in_a_mirrored_world() -> None:
         ({"frame": -1}, ">= 0"),
         ({"normal_offset_voxels": -0.5}, ">= 0"),
         ({"gain": 0.0}, "> 0"),
+        ({"aperture_scale": 10.0}, "aperture of .* degrees: lower it"),
     ],
 )
 def test_sets_that_make_no_sense_are_refused(fields: dict[str, Any], message: str) -> None:
