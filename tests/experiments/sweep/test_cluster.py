@@ -22,6 +22,8 @@ from tests.experiments.sweep.tiny_jobs import assert_each_done_once, python_work
 
 pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
 
+pytestmark = pytest.mark.slow
+
 START_SECONDS = 40.0
 """Importing Dask takes seconds on a busy machine."""
 
@@ -72,10 +74,10 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
         ]
         yield found
     finally:
+        # They hold nothing that a kill could harm, and on a busy machine farewells take long.
         for process in [*workers, scheduler]:
-            process.terminate()
-        for process in [*workers, scheduler]:
-            process.wait(20)
+            process.kill()
+            process.wait()
 
 
 def lanes_with(cluster: Cluster, slots: int, **options: bool) -> ClusterLanes:
