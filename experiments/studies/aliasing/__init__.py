@@ -109,7 +109,7 @@ def _check(name: str, mover: str, level: int, how: str) -> Check:
 
 
 def _measure(context: StudyContext, name: str, mover: str, level: int, how: str) -> Measured:
-    room = moved_room(context, mover, level)
+    room = moved_room(context, mover, level, how)
     if name in COMPARED:
         require_told_apart(
             room.light[how], room.batches, PATHS[context.quick], "the reference of the receivers"
