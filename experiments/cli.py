@@ -184,6 +184,10 @@ def gate(  # noqa: PLR0913 - the options of a command
     update: Annotated[bool, Parameter(negative="")] = False,
     reason: str | None = None,
     mutants: Annotated[bool, Parameter(negative="")] = False,
+    only: Annotated[
+        list[str] | None,
+        Parameter(help="Name of a gate to check alone; may be repeated.", negative=""),
+    ] = None,
     variant: Variant = None,
     cache: Cache = None,
 ) -> int:
@@ -207,6 +211,7 @@ def gate(  # noqa: PLR0913 - the options of a command
         markdown=markdown,
         update_reason=reason,
         mutants=mutants,
+        only=only or [],
         variant=variant,
         cache=_cache(cache),
     )

@@ -15,9 +15,9 @@ from experiments.machine import BackendName, describe_machine
 from experiments.progress import ProgressReport
 from experiments.run import RunOptions, run_scene
 from experiments.scenes import load_scene
-from experiments.session import find_preset, start_mitsuba, writable_folder
+from experiments.session import find_preset, start_mitsuba, writable_file, writable_folder
 from experiments.studies.catalogue import checks_of, find_study
-from experiments.studies.check import StudyContext
+from experiments.studies.check import Check, StudyContext
 from experiments.studies.run import measured_row
 from reports.record import Record
 from reports.study_record import StudyRecord
@@ -33,22 +33,32 @@ def gate_scenes(
     mutants: bool,
     variant: str | None,
     cache: Path,
+    only: Sequence[str] = (),
 ) -> int:
-    """Check the gates of a file and return the exit code.
+    """Check the gates of a file, or those of the names in `only`, and return the exit code.
 
     Raises
     ------
     InputError
-        A gates file that cannot be used; nothing was rendered.
+        A gates file that cannot be used, a preset or a check that does not exist, a report that
+        cannot be written; nothing was rendered.
     """
     gates = load_gates(gates_file)
+    if only:
+        gates = gates.only(only)
     writable_folder(output)
+    for report, option in ((junit, "--junit"), (markdown, "--markdown")):
+        if report is not None:
+            writable_file(report, option)
     chosen = start_mitsuba(variant)
+    for each in gates.gates:
+        find_preset(each.preset, is_compared=True)
+    for study in gates.studies:
+        require_checks(study, [*study.needed, *study.planted])
     baselines = gates_file.parent / gates.baselines
     with ProgressReport() as progress:
 
         def render(gate: GateSpec) -> tuple[Record, Path]:
-            find_preset(gate.preset, is_compared=True)
             number = [each.name for each in gates.gates].index(gate.name) + 1
             progress.start_scene(f"gate {gate.name}", number, len(gates.gates))
             loaded = load_scene(gate.scene, resolution=(gate.width, gate.height))
@@ -58,7 +68,7 @@ def gate_scenes(
             options = RunOptions(
                 preset=gate.preset,
                 reference_spp=gate.reference_spp,
-                is_counted=False,
+                is_counted=gate.memory is not None,
                 cache_directory=cache,
                 command=f"vctgi gate {gates_file}",
             )
@@ -75,10 +85,30 @@ def gate_scenes(
             markdown=markdown,
             update_reason=update_reason,
             mutants=mutants,
+            only=only,
         )
         verdict = {0: "passed", 1: "FAILED"}.get(code, "could not be judged")
         progress.say(f"{len(gates.gates) + len(gates.studies)} gates: {verdict}")
     return code
+
+
+def require_checks(gate: StudyGate, names: Sequence[str]) -> dict[str, Check]:
+    """Return the checks of a gate's study by name, all of `names` among them.
+
+    Raises
+    ------
+    InputError
+        No such study, or no check of a name.
+    """
+    known = {check.name: check for check in checks_of(find_study(gate.study))}
+    for name in names:
+        if name not in known:
+            raise InputError(
+                f"study {gate.study} has no check {name!r}",
+                f"gate {gate.name}",
+                f"`vctgi study {gate.study}` names them",
+            )
+    return known
 
 
 def measure_study(
@@ -91,14 +121,7 @@ def measure_study(
     InputError
         No such study, or no check of a name.
     """
-    known = {check.name: check for check in checks_of(find_study(gate.study))}
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        raise InputError(
-            f"study {gate.study} has no check {unknown[0]!r}",
-            f"gate {gate.name}",
-            f"`vctgi study {gate.study}` names them",
-        )
+    known = require_checks(gate, names)
     context = StudyContext(quick=gate.quick, progress=progress)
     words = [gate.study, *(["--quick"] if gate.quick else [])]
     rows = []
