@@ -196,7 +196,7 @@ def gate(  # noqa: PLR0913 - the options of a command
     `--update --reason TEXT` writes the baselines instead; `--mutants` also plants faults and
     demands that the gates catch them.
     """
-    from experiments.gate_command import gate_scenes
+    from experiments.gate_command import GateOptions, gate_scenes
 
     if update != (reason is not None):
         raise InputError(
@@ -206,12 +206,10 @@ def gate(  # noqa: PLR0913 - the options of a command
         )
     return gate_scenes(
         gates,
+        GateOptions(
+            junit=junit, markdown=markdown, update_reason=reason, mutants=mutants, only=only or []
+        ),
         output=output,
-        junit=junit,
-        markdown=markdown,
-        update_reason=reason,
-        mutants=mutants,
-        only=only or [],
         variant=variant,
         cache=_cache(cache),
     )
