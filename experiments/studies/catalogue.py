@@ -63,6 +63,10 @@ STUDIES = {
         "experiments.studies.flicker",
         "Does the light of surfaces hold still while the eye moves?",
     ),
+    "gates": StudyEntry(
+        "experiments.studies.gates",
+        "How often do gates fail for nothing, and how small a fault do they find?",
+    ),
     "validation": StudyEntry(
         "experiments.studies.validation",
         "Do the metrics of artefacts find what is there, and nothing else?",
