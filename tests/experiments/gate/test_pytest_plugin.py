@@ -35,47 +35,7 @@ write_junit([
 ], Path(sys.argv[sys.argv.index("--junit") + 1]))
 """
 
-SCENE = """
-<scene version="3.0.0">
-  <integrator type="path"/>
-  <sensor type="perspective">
-    <float name="fov" value="60"/>
-    <transform name="to_world">
-      <lookat origin="0, 0, 0.9" target="0, -0.3, -1" up="0, 1, 0"/>
-    </transform>
-    <film type="hdrfilm">
-      <integer name="width" value="16"/><integer name="height" value="16"/>
-    </film>
-  </sensor>
-  <bsdf type="diffuse" id="grey"><rgb name="reflectance" value="GREY"/></bsdf>
-  <shape type="cube"><boolean name="flip_normals" value="true"/><ref id="grey"/></shape>
-  <shape type="rectangle">
-    <transform name="to_world">
-      <scale value="0.4"/><rotate x="1" angle="90"/><translate y="0.98"/>
-    </transform>
-    <ref id="grey"/>
-    <emitter type="area"><rgb name="radiance" value="4"/></emitter>
-  </shape>
-</scene>
-"""
-
-SCENE_GATES = """
-schema_version = 1
-[[gate]]
-name = "room"
-scene = "room.xml"
-preset = "medium"
-width = 16
-height = 16
-reference_spp = 4096
-smallest_difference = 0.05
-[[gate.metric]]
-kind = "noninferior"
-metric = "energy_ratio"
-component = "indirect"
-scale = "ratio"
-rel = 0.02
-"""
+EXAMPLE = ROOT / "experiments" / "gate" / "example"
 
 
 @pytest.fixture
@@ -179,10 +139,11 @@ def test_another_project_gates_its_own_scene(
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setenv("VCTGI_CACHE", str(pytester.path / "cache"))
     monkeypatch.delenv("GITHUB_ACTIONS", raising=False)
-    pytester.makefile(".toml", gates=SCENE_GATES)
+    for each in ("gates.toml", "room.xml", "pyproject.toml"):
+        text = (EXAMPLE / each).read_text(encoding="utf-8").replace("= 64", "= 16")
+        (pytester.path / each).write_text(text, encoding="utf-8")
     scene = pytester.path / "room.xml"
-    scene.write_text(SCENE.replace("GREY", "0.5"), encoding="utf-8")
-    words = ["--vctgi-gates", "gates.toml", "-W", "error", "gates.toml"]
+    words = ["-W", "error"]
     result = run(pytester, *words)
     result.assert_outcomes(failed=2)
     result.stdout.fnmatch_lines(
@@ -190,6 +151,7 @@ def test_another_project_gates_its_own_scene(
     )
     assert main(["gate", "gates.toml", "--update", "--reason", "first"]) == 0
     run(pytester, *words).assert_outcomes(passed=2)
-    scene.write_text(SCENE.replace("GREY", "0.7"), encoding="utf-8")
+    whiter = scene.read_text(encoding="utf-8").replace('value="0.5"', 'value="0.7"')
+    scene.write_text(whiter, encoding="utf-8")
     result = run(pytester, *words)
     result.stdout.fnmatch_lines(["*scene digest [[]exact]*"])
