@@ -173,11 +173,17 @@ def cone_light(
     return light
 
 
-def recentred(context: StudyContext, how: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the light [point, 1, rgb] before and after a move of everything by whole voxels."""
+def recentred(
+    context: StudyContext, how: str, besides: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the light [point, 1, rgb] before and after a move of everything by whole voxels.
+
+    `besides`, in voxels of the finest level, is moved as well: the fault that a gate must find.
+    """
     points, normals = wall_points(RECEIVERS[context.quick])
     coarsest = FINEST_VOXEL * 2.0**LEVELS
     whole = coarsest * RESOLUTION / 4.0 * np.array([1.0, -1.0, 2.0])
+    whole = whole + besides * FINEST_VOXEL
     still = np.zeros(3)
     found = []
     for moved in (still, whole):

@@ -20,7 +20,7 @@ from experiments.studies.check import StudyContext
 from experiments.timing import StageTimer
 from reports.record import ImageFile, Machine, write_image
 
-SCENE, PRESET, STAGE = "cornell_box", "medium", "diffuse"
+SCENE, PRESET, STAGE = "cornell_box", "medium", "diffuse cones"
 """Scene and preset of the gate, and the stage whose time it bounds."""
 
 SCATTERINGS: Final = 2
