@@ -28,7 +28,7 @@ SCATTERINGS: Final = 2
 
 PIXELS = (64, 32)
 BATCH_SPP = (3072, 768)
-BATCHES = (24, 20)
+BATCHES = (16, 20)
 FRAMES = (24, 12)
 """Edge of the picture, paths a pixel of a batch, batches, and frames of other random numbers, in
 the whole study and in the quick one."""

@@ -13,6 +13,7 @@ from experiments.gate.evaluation import exit_code
 from experiments.gate.update import baseline_from_record
 from experiments.studies.catalogue import STUDIES, checks_of
 from experiments.studies.gates.alarms import (
+    RESOLUTION,
     leaked_light,
     run_gates,
     share_with_interval,
@@ -100,7 +101,7 @@ def test_leaked_light_adds_the_share_that_it_is_named_for(pool: Pool) -> None:
 
 
 def test_the_smallest_fault_is_where_nineteen_of_twenty_runs_find_it() -> None:
-    assert smallest_found(lambda share: share / 0.02, 0.1) == pytest.approx(0.019, abs=5e-4)
+    assert smallest_found(lambda share: share / 0.02, 0.1) == pytest.approx(0.019, abs=RESOLUTION)
     assert math.isnan(smallest_found(lambda _share: 0.9, 0.1))
 
 
