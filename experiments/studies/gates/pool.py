@@ -28,13 +28,14 @@ SCATTERINGS: Final = 2
 
 PIXELS = (64, 32)
 BATCH_SPP = (3072, 768)
-BATCHES = (16, 20)
+BATCHES = (8, 10)
 FRAMES = (24, 12)
-"""Edge of the picture, paths a pixel of a batch, batches, and frames of other random numbers, in
-the whole study and in the quick one."""
+"""Edge of the picture, paths a pixel of a batch, batches of each of the references, and frames of
+other random numbers, in the whole study and in the quick one."""
 
-REFERENCE_SEED, FIRST_FRAME_SEED = 7000, 100
-"""Start of what is drawn; the gate of this project uses 0 for both."""
+REFERENCE_SEEDS, FIRST_FRAME_SEED = (0, 7000), 100
+"""Starts of random numbers; the first reference is that of this project's own gate, which is
+rendered once for both."""
 
 
 @dataclass(frozen=True)
@@ -93,19 +94,22 @@ def _batches(context: StudyContext) -> np.ndarray:
     """Path-trace all batches; finished ones are kept, so that a run which was stopped goes on."""
     edge, count = PIXELS[context.quick], BATCHES[context.quick]
     loaded = load_scene(SCENE, resolution=(edge, edge))
-    truth = reference.render_reference(
-        loaded.scene,
-        sensor=loaded.sensor_index,
-        request=reference.ReferenceRequest(
-            samples_per_pixel=count * BATCH_SPP[context.quick],
-            batch_count=count,
-            scattering_count=SCATTERINGS,
-            seed=REFERENCE_SEED,
-        ),
-        cache_directory=reference.default_cache_directory(),
-        progress=lambda share: context.progress("path tracing", share),
-    )
-    return truth.batches("indirect")
+    found = []
+    for seed in REFERENCE_SEEDS:
+        truth = reference.render_reference(
+            loaded.scene,
+            sensor=loaded.sensor_index,
+            request=reference.ReferenceRequest(
+                samples_per_pixel=count * BATCH_SPP[context.quick],
+                batch_count=count,
+                scattering_count=SCATTERINGS,
+                seed=seed,
+            ),
+            cache_directory=reference.default_cache_directory(),
+            progress=lambda share: context.progress("path tracing", share),
+        )
+        found.append(truth.batches("indirect"))
+    return np.concatenate(found)
 
 
 def _frames(context: StudyContext) -> tuple[np.ndarray, np.ndarray]:
