@@ -64,6 +64,7 @@ def checks() -> list[Check]:
         for name, condition, limit in shares
     ]
     found.append(_check("baselines refused as too noisy", _refused, None, is_headline=False))
+    found.append(_check("times refused as too noisy", _untimed, None, is_headline=False))
     found += [
         _check(
             f"smallest regression found, {name}",
@@ -104,6 +105,10 @@ def _share(found: Outcome, condition: Callable[[Run], bool]) -> Measured:
 
 def _refused(found: Outcome) -> Measured:
     return share_with_interval(found.refused, found.refused + len(found.runs))
+
+
+def _untimed(found: Outcome) -> Measured:
+    return share_with_interval(sum(not run.is_timed for run in found.runs), len(found.runs))
 
 
 def _smallest(found: Outcome, name: str) -> Measured:

@@ -22,6 +22,7 @@ from experiments.studies.gates.draws import (
     judge,
     judge_equal,
     judge_order,
+    judge_time,
     record_of,
 )
 from experiments.studies.gates.pool import Pool, rendered_pool
@@ -51,6 +52,8 @@ class Run:
     drawn: Draw
     baseline: Baseline
     alarms: frozenset[str]
+    is_timed: bool
+    """Whether the times of the baseline were quiet enough for a budget."""
 
 
 @dataclass(frozen=True)
@@ -97,13 +100,25 @@ FAULTS: dict[str, Callable[[float], Fault]] = {
 
 
 def outcome(context: StudyContext) -> Outcome:
-    """Return what all runs gave, rendered and drawn once."""
-    return context.once("runs of the gates", lambda: _measure(context))
+    """Return what all runs gave, rendered and drawn once.
+
+    Raises
+    ------
+    NoisyReferenceError
+        Most baselines were refused as too noisy, so that there is nothing to count.
+    """
+    found = context.once("runs of the gates", lambda: _measure(context))
+    if isinstance(found, NoisyReferenceError):
+        raise found
+    return found
 
 
-def _measure(context: StudyContext) -> Outcome:
-    with rendered_pool(context) as pool:
-        return run_gates(pool, quick=context.quick, progress=context.progress)
+def _measure(context: StudyContext) -> Outcome | NoisyReferenceError:
+    try:
+        with rendered_pool(context) as pool:
+            return run_gates(pool, quick=context.quick, progress=context.progress)
+    except NoisyReferenceError as error:
+        return error
 
 
 def run_gates(
@@ -131,7 +146,10 @@ def run_gates(
         verdicts = judge(pool, gate, baseline, record_of(pool, drawn.record))
         verdicts += [judge_order(pool, gate, drawn.record)]
         verdicts += [v for v in judge_equal(pool, gate, drawn) if v.kind == "equal"]
-        runs.append(Run(drawn, baseline, frozenset(failed_kinds(verdicts))))
+        timed = judge_time(pool, drawn)
+        verdicts += [] if timed is None else [timed]
+        alarms = frozenset(failed_kinds(verdicts))
+        runs.append(Run(drawn, baseline, alarms, timed is not None))
     smallest = {}
     for name, fault in FAULTS.items():
         progress(name, 0.0)
@@ -168,11 +186,10 @@ def smallest_found(found: Callable[[float], float], largest: float) -> float:
 
 def _share_found(pool: Pool, quick: bool, runs: list[Run], fault: Fault) -> float:
     gate = gate_of(quick, pool.frames.shape[1], BATCHES_EACH * pool.batch_spp)
-    metrics_only = gate.model_copy(update={"budgets": ()})
     found = 0
     for run in runs:
         record = record_of(pool, run.drawn.record, fault=fault)
-        kinds = failed_kinds(judge(pool, metrics_only, run.baseline, record))
+        kinds = failed_kinds(judge(pool, gate, run.baseline, record))
         found += bool(kinds - set(NO_VERDICT))
     return found / max(len(runs), 1)
 
