@@ -73,12 +73,14 @@ def draw(pool: Pool, rng: np.random.Generator) -> Draw:
 def gate_of(quick: bool, edge: int, spp: int) -> GateSpec:
     """Return the gate: that of tests/gates on the Cornell box, and a metric of each other kind.
 
-    The quick version has a 16th of the paths, and so tolerances that are as much wider.
+    The quick version has a 16th of the paths and a quarter of the pixels, at each fourth of which
+    cones start, and so wider tolerances: with those of the gate, 3 % of 200 runs were false alarms.
     """
     wide = QUICK_WIDTH if quick else 1.0
     stated = {"effect_from": "wider for a quick reference"} if quick else {}
     energy = {"metric": "energy_ratio", "component": "indirect", "scale": "ratio"}
     error = {"metric": "mse", "component": "indirect"}
+    energy_effect = {"effect": 0.1, **stated} if quick else {}
     error_effect = {"effect": 0.10 * wide, **stated} if quick else {}
     return GateSpec.model_validate(
         {
@@ -89,7 +91,7 @@ def gate_of(quick: bool, edge: int, spp: int) -> GateSpec:
             "height": edge,
             "reference_spp": spp,
             "metric": [
-                {"kind": "noninferior", "rel": 0.02, **energy},
+                {"kind": "noninferior", "rel": 0.04 if quick else 0.02, **energy, **energy_effect},
                 {"kind": "noninferior", "rel": 0.05 * wide, **error, **error_effect},
                 {"kind": "absolute", "low": 0.85, "high": 1.1, **energy},
             ],
