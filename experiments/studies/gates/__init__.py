@@ -58,6 +58,7 @@ def checks() -> list[Check]:
         (f"false alarms, {kind}", partial(_has_failed, kind=kind), MOST_ALARMS) for kind in KINDS
     ]
     shares.append(("false alarms, any kind", _has_any_failed, MOST_ALARMS))
+    shares.append(("false alarms, any kind, cones of one seed", _has_fixed_failed, MOST_ALARMS))
     shares.append(("runs without a verdict", _has_no_verdict, MOST_ALARMS))
     found = [
         _check(name, partial(_share, condition=condition), limit, is_headline="any" in name)
@@ -121,6 +122,10 @@ def _has_failed(run: Run, kind: str) -> bool:
 
 def _has_any_failed(run: Run) -> bool:
     return bool(run.alarms - set(NO_VERDICT))
+
+
+def _has_fixed_failed(run: Run) -> bool:
+    return bool(run.fixed_alarms - set(NO_VERDICT))
 
 
 def _has_no_verdict(run: Run) -> bool:

@@ -52,6 +52,8 @@ class Run:
     drawn: Draw
     baseline: Baseline
     alarms: frozenset[str]
+    fixed_alarms: frozenset[str]
+    """The same where the cones of both have one seed, as in `vctgi gate`."""
     is_timed: bool
     """Whether the times of the baseline were quiet enough for a budget."""
 
@@ -149,7 +151,9 @@ def run_gates(
         timed = judge_time(pool, drawn)
         verdicts += [] if timed is None else [timed]
         alarms = frozenset(failed_kinds(verdicts))
-        runs.append(Run(drawn, baseline, alarms, timed is not None))
+        one_seed = record_of(pool, drawn.record, frame=drawn.baseline.frame)
+        fixed = frozenset(failed_kinds(judge(pool, gate, baseline, one_seed)))
+        runs.append(Run(drawn, baseline, alarms, fixed, timed is not None))
     smallest = {}
     for name, fault in FAULTS.items():
         progress(name, 0.0)
