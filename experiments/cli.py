@@ -195,6 +195,10 @@ def gate(  # noqa: PLR0913 - the options of a command
     update: Annotated[bool, Parameter(negative="")] = False,
     reason: str | None = None,
     mutants: Annotated[bool, Parameter(negative="")] = False,
+    only: Annotated[
+        list[str] | None,
+        Parameter(help="Name of a gate to check alone; may be repeated.", negative=""),
+    ] = None,
     variant: Variant = None,
     cache: Cache = None,
 ) -> int:
@@ -203,7 +207,7 @@ def gate(  # noqa: PLR0913 - the options of a command
     `--update --reason TEXT` writes the baselines instead; `--mutants` also plants faults and
     demands that the gates catch them.
     """
-    from experiments.gate_command import gate_scenes
+    from experiments.gate_command import GateOptions, gate_scenes
 
     if update != (reason is not None):
         raise InputError(
@@ -213,11 +217,10 @@ def gate(  # noqa: PLR0913 - the options of a command
         )
     return gate_scenes(
         gates,
+        GateOptions(
+            junit=junit, markdown=markdown, update_reason=reason, mutants=mutants, only=only or []
+        ),
         output=output,
-        junit=junit,
-        markdown=markdown,
-        update_reason=reason,
-        mutants=mutants,
         variant=variant,
         cache=_cache(cache),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import cast
@@ -15,54 +16,70 @@ from experiments.machine import BackendName, describe_machine
 from experiments.progress import ProgressReport
 from experiments.run import RunOptions, run_scene
 from experiments.scenes import load_scene
-from experiments.session import find_preset, start_mitsuba, writable_folder
+from experiments.session import find_preset, start_mitsuba, writable_file, writable_folder
 from experiments.studies.catalogue import checks_of, find_study
-from experiments.studies.check import StudyContext
+from experiments.studies.check import Check, StudyContext
 from experiments.studies.run import measured_row
 from reports.record import Record
 from reports.study_record import StudyRecord
 
 
+@dataclass(frozen=True, kw_only=True)
+class GateOptions:
+    """What is done with the gates of a file, and where it is reported."""
+
+    junit: Path | None = None
+    markdown: Path | None = None
+    """Files of the verdicts, and of the failures."""
+    update_reason: str | None = None
+    """Given: write baselines with this reason instead of comparing."""
+    mutants: bool = False
+    """Also plant every mutant, and demand that it is caught."""
+    only: Sequence[str] = ()
+    """Names of the gates to check; none: all."""
+
+
 def gate_scenes(
-    gates_file: Path,
-    *,
-    output: Path,
-    junit: Path | None,
-    markdown: Path | None,
-    update_reason: str | None,
-    mutants: bool,
-    variant: str | None,
-    cache: Path,
+    gates_file: Path, options: GateOptions, *, output: Path, variant: str | None, cache: Path
 ) -> int:
     """Check the gates of a file and return the exit code.
 
     Raises
     ------
     InputError
-        A gates file that cannot be used; nothing was rendered.
+        A gates file that cannot be used, a preset or a check that does not exist, a report that
+        cannot be written; nothing was rendered.
     """
     gates = load_gates(gates_file)
+    if options.only:
+        gates = gates.only(options.only)
     writable_folder(output)
+    for report, option in ((options.junit, "--junit"), (options.markdown, "--markdown")):
+        if report is not None:
+            writable_file(report, option)
     chosen = start_mitsuba(variant)
+    for each in gates.gates:
+        find_preset(each.preset, is_compared=True)
+    for study in gates.studies:
+        require_checks(study, [*study.needed, *study.planted])
     baselines = gates_file.parent / gates.baselines
     with ProgressReport() as progress:
 
         def render(gate: GateSpec) -> tuple[Record, Path]:
-            find_preset(gate.preset, is_compared=True)
             number = [each.name for each in gates.gates].index(gate.name) + 1
             progress.start_scene(f"gate {gate.name}", number, len(gates.gates))
-            loaded = load_scene(gate.scene, resolution=(gate.width, gate.height))
+            loaded = load_scene(scene_of(gate, gates_file), resolution=(gate.width, gate.height))
             # Pictures are judged as they were when the baseline was reviewed.
             pinned = pinned_display(baselines, gate, chosen)
             display = metrics.DisplaySettings(**pinned.model_dump()) if pinned else None
-            options = RunOptions(
+            run_options = RunOptions(
                 preset=gate.preset,
                 reference_spp=gate.reference_spp,
-                is_counted=False,
+                is_counted=gate.memory is not None,
                 cache_directory=cache,
                 command=f"vctgi gate {gates_file}",
             )
-            return run_scene(loaded, options, output, chosen, progress, display)
+            return run_scene(loaded, run_options, output, chosen, progress, display)
 
         def measure(gate: StudyGate, names: Sequence[str]) -> StudyRecord:
             return measure_study(gate, names, chosen, progress)
@@ -71,14 +88,40 @@ def gate_scenes(
             gates_file,
             render,
             measure,
-            junit=junit,
-            markdown=markdown,
-            update_reason=update_reason,
-            mutants=mutants,
+            junit=options.junit,
+            markdown=options.markdown,
+            update_reason=options.update_reason,
+            mutants=options.mutants,
+            only=options.only,
         )
         verdict = {0: "passed", 1: "FAILED"}.get(code, "could not be judged")
         progress.say(f"{len(gates.gates) + len(gates.studies)} gates: {verdict}")
     return code
+
+
+def scene_of(gate: GateSpec, gates_file: Path) -> str:
+    """Return the scene to load: a file beside the gates file, or else what the gate names."""
+    beside = gates_file.parent / gate.scene
+    return str(beside) if beside.is_file() else gate.scene
+
+
+def require_checks(gate: StudyGate, names: Sequence[str]) -> dict[str, Check]:
+    """Return the checks of a gate's study by name, all of `names` among them.
+
+    Raises
+    ------
+    InputError
+        No such study, or no check of a name.
+    """
+    known = {check.name: check for check in checks_of(find_study(gate.study))}
+    for name in names:
+        if name not in known:
+            raise InputError(
+                f"study {gate.study} has no check {name!r}",
+                f"gate {gate.name}",
+                f"`vctgi study {gate.study}` names them",
+            )
+    return known
 
 
 def measure_study(
@@ -91,14 +134,7 @@ def measure_study(
     InputError
         No such study, or no check of a name.
     """
-    known = {check.name: check for check in checks_of(find_study(gate.study))}
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        raise InputError(
-            f"study {gate.study} has no check {unknown[0]!r}",
-            f"gate {gate.name}",
-            f"`vctgi study {gate.study}` names them",
-        )
+    known = require_checks(gate, names)
     context = StudyContext(quick=gate.quick, progress=progress)
     words = [gate.study, *(["--quick"] if gate.quick else [])]
     rows = []

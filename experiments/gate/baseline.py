@@ -104,6 +104,8 @@ class Baseline(Settings):
     height: int
     metrics: list[BaselineMetric]
     times: list[BaselineTime]
+    voxel_bytes: int | None = None
+    """Size of the voxels that cones read; None where no gate asks for it."""
     display: Display
     """Brightness and FLIP exposures that the numbers were measured with."""
     environment: Environment

@@ -5,7 +5,7 @@ from __future__ import annotations
 from experiments.errors import InputError
 from experiments.gate.baseline import Baseline, BaselineTime, environment_of
 from experiments.gate.finding import UPDATE_REMEDY, Finding
-from experiments.gate.specification import SLOWDOWN, Budget
+from experiments.gate.specification import SLOWDOWN, Budget, Memory
 from reports.record import Record, StageTime
 
 
@@ -64,6 +64,47 @@ def check_budget(budget: Budget, record: Record, baseline: Baseline) -> Finding:
         value=time.median_ms,
         limit=f"low end of the spread <= {limit:.4g} ms",
         message=message,
+    )
+
+
+def find_voxel_bytes(record: Record) -> int:
+    """Return the size of the voxels of a record.
+
+    Raises
+    ------
+    InputError
+        The record does not tell.
+    """
+    if record.cost is None:
+        raise InputError(
+            "the record does not say how much memory its voxels take",
+            f"record {record.record_id}",
+            "render it with counting",
+        )
+    return record.cost.voxel_bytes
+
+
+def check_memory(memory: Memory, record: Record, baseline: Baseline) -> Finding:
+    """Fail when the voxels have grown; their size is the same on every machine.
+
+    Raises
+    ------
+    InputError
+        The record does not tell.
+    """
+    size, before = find_voxel_bytes(record), baseline.voxel_bytes
+    if before is None:
+        limit, passed, message = "a reviewed size", False, "the baseline has no size of voxels"
+    else:
+        most = before * (1.0 + memory.rel)
+        limit, passed = f"<= {most:.0f} bytes", size <= most
+        message = f"{size} bytes; baseline {before} bytes"
+    return Finding(
+        kind="budget",
+        passed=passed,
+        value=float(size),
+        limit=limit,
+        message=message if passed else f"{message}; {UPDATE_REMEDY}",
     )
 
 

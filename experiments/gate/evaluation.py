@@ -17,7 +17,7 @@ from experiments.errors import (
     MachineryError,
 )
 from experiments.gate.baseline import Baseline
-from experiments.gate.budget import check_budget
+from experiments.gate.budget import check_budget, check_memory
 from experiments.gate.display import check_display, is_display_referred
 from experiments.gate.finding import Finding
 from experiments.gate.identity import check_finite, check_identity, require_as_asked
@@ -31,6 +31,8 @@ ERROR: Final = "error"
 """Kind of a verdict about the machinery: nothing was decided."""
 REFUSED: Final = "refused"
 """Kind of a verdict about the input: a tolerance, a metric or a file that cannot be used."""
+VOXEL_MEMORY: Final = "memory of the voxels"
+"""What the verdict on a memory budget is about."""
 UPDATE_COMMAND: Final = "vctgi gate --update --reason TEXT"
 
 
@@ -94,6 +96,8 @@ def evaluate(
         for budget in gate.budgets:
             item = f"time of {budget.stage}"
             checks.append((item, partial(check_budget, budget, record, baseline)))
+        if gate.memory is not None:
+            checks.append((VOXEL_MEMORY, partial(check_memory, gate.memory, record, baseline)))
     for item, check in checks:
         verdict = verdict_or_none(gate, item, check)
         if verdict is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -41,6 +42,27 @@ class GatesFile(Settings):
                     f"better {order.better!r}, worse {order.worse!r}"
                 )
         return self
+
+    def only(self, names: Sequence[str]) -> GatesFile:
+        """Return the gates and studies of these names, and the orders between those.
+
+        Raises
+        ------
+        InputError
+            None has a name.
+        """
+        known = [gate.name for gate in self.gates] + [study.name for study in self.studies]
+        for name in names:
+            if name not in known:
+                raise InputError(f"no gate '{name}'", "--only", f"use {', '.join(known)}")
+        orders = [each for each in self.orders if {each.better, each.worse} <= set(names)]
+        return self.model_copy(
+            update={
+                "gates": tuple(each for each in self.gates if each.name in names),
+                "studies": tuple(each for each in self.studies if each.name in names),
+                "orders": tuple(orders),
+            }
+        )
 
 
 def load_gates(path: Path) -> GatesFile:

@@ -65,7 +65,7 @@ def check_metric(gate: AnyMetricGate, record: Record, baseline: Baseline | None)
     if stale is not None or entry is None:
         return stale
     if isinstance(gate, Exact):
-        return _same_number(metric, entry)
+        return check_same_number(metric, entry)
     if isinstance(gate, Equal):
         return _equal(gate, record, metric, baseline, entry)
     return check_band(gate, metric, entry)
@@ -100,7 +100,8 @@ def _stale(
     )
 
 
-def _same_number(metric: MetricValue, entry: BaselineMetric) -> Finding:
+def check_same_number(metric: MetricValue, entry: BaselineMetric) -> Finding:
+    """Compare a number with its baseline bit for bit."""
     passed = metric.value == entry.value
     return Finding(
         kind="exact",

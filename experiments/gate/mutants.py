@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
-import numpy as np
-
+from experiments.errors import MachineryError
 from experiments.gate.baseline import Baseline
-from experiments.gate.evaluation import evaluate
+from experiments.gate.evaluation import ERROR, VOXEL_MEMORY, evaluate
+from experiments.gate.identity import SIGNED_IMAGES
+from experiments.gate.noise import DIFFERENCE, check_noise
 from experiments.gate.scales import metric_from_axis
 from experiments.gate.specification import (
     SLOWDOWN,
@@ -21,7 +24,18 @@ from experiments.gate.specification import (
 )
 from experiments.gate.tolerance import effect_on_axis
 from reports.junit import Verdict
-from reports.record import Interval, Record, load_image, write_image, write_record
+from reports.record import (
+    Interval,
+    NoiseFloor,
+    Record,
+    load_image,
+    write_image,
+    write_record,
+)
+from reports.voxel_sheet import is_voxel_image
+
+SPOILT: Final = {"one NaN": math.nan, "one infinity": math.inf, "one negative value": -1e-6}
+"""Bad values of a picture."""
 
 
 @dataclass(frozen=True)
@@ -86,11 +100,13 @@ def planted(
 ) -> Iterator[Mutant]:
     """Make the mutants of a gate, one fault each.
 
-    One NaN in a picture; another scene; another configuration; each metric moved from its
-    baseline by its weakest effect, ratios up and down; each budgeted stage at twice its time, as
-    if on the baseline's machine.
+    One NaN, one infinity, one negative value in a picture; another scene; another configuration;
+    each metric moved from its baseline by its weakest effect, ratios up and down; each budgeted
+    stage at twice its time, as if on the baseline's machine; voxels of twice their size; a
+    reference as noisy as the difference that it shows.
     """
-    yield plant_nan(record, record_path, scratch)
+    for name, value in SPOILT.items():
+        yield plant_value(record, record_path, scratch / name.split()[-1], name, value)
     yield Mutant("other scene", "exact", "scene digest", plant_scene(record), record_path)
     yield Mutant("other configuration", "exact", "configuration", plant_config(record), record_path)
     for metric_gate in gate.metrics:
@@ -103,21 +119,32 @@ def planted(
         slow = plant_slowdown(record, budget, baseline)
         name = f"{budget.stage} at {SLOWDOWN:g} x its time"
         yield Mutant(name, "budget", f"time of {budget.stage}", slow, record_path)
+    if gate.memory is not None:
+        grown = plant_growth(record, baseline)
+        name = f"voxels at {SLOWDOWN:g} x their size"
+        yield Mutant(name, "budget", VOXEL_MEMORY, grown, record_path)
+    if _is_told_apart(record, gate):
+        noisy = plant_noise(record, gate)
+        yield Mutant("reference as noisy as its error", ERROR, "noise", noisy, record_path)
 
 
-def plant_nan(record: Record, record_path: Path, scratch: Path) -> Mutant:
-    """Copy a record with all its pictures and put one NaN into the first."""
-    spoiled = sorted(record.images)[0]
+def plant_value(
+    record: Record, record_path: Path, scratch: Path, name: str, value: float
+) -> Mutant:
+    """Copy a record with all its pictures and put one bad value into the first of radiance."""
+    spoiled = min(
+        image for image in record.images if image not in SIGNED_IMAGES and not is_voxel_image(image)
+    )
     files = {}
-    for name, file in record.images.items():
-        pixels = load_image(record_path, record, name).copy()
-        if name == spoiled:
-            pixels.reshape(-1)[pixels.size // 2] = np.nan
-        target = scratch / record.record_id / f"{name}.exr"
-        files[name] = write_image(target, pixels, file.description)
+    for image, file in record.images.items():
+        pixels = load_image(record_path, record, image).copy()
+        if image == spoiled:
+            pixels.reshape(-1)[pixels.size // 2] = value
+        target = scratch / record.record_id / f"{image}.exr"
+        files[image] = write_image(target, pixels, file.description)
     copy = record.model_copy(update={"images": files})
     path = write_record(copy, scratch)
-    return Mutant(f"one NaN in {spoiled}", "finite", "pictures", copy, path)
+    return Mutant(f"{name} in {spoiled}", "finite", "pictures", copy, path)
 
 
 def plant_scene(record: Record) -> Record:
@@ -181,3 +208,31 @@ def plant_slowdown(record: Record, budget: Budget, baseline: Baseline) -> Record
         update={name: getattr(baseline.environment, name) for name in same}
     )
     return record.model_copy(update={"times": times, "machine": machine})
+
+
+def plant_growth(record: Record, baseline: Baseline) -> Record:
+    """Give a record voxels of twice the baseline's size."""
+    assert record.cost is not None, "the memory was found before"
+    assert baseline.voxel_bytes is not None, "the baseline lacks the size of the voxels"
+    grown = round(SLOWDOWN * baseline.voxel_bytes)
+    return record.model_copy(update={"cost": record.cost.model_copy(update={"voxel_bytes": grown})})
+
+
+def _is_told_apart(record: Record, gate: GateSpec) -> bool:
+    """Say whether the gate found the noise of the reference low enough, so that it can rise."""
+    try:
+        return check_noise(record, gate) is not None
+    except MachineryError:
+        return False
+
+
+def plant_noise(record: Record, gate: GateSpec) -> Record:
+    """Give a record a reference whose noise is as large as the difference asked about."""
+    assert record.reference is not None, "a record without a reference has no noise to judge"
+    differences = {m.component: m.value for m in record.metrics if m.name == DIFFERENCE}
+    floors = {}
+    for component in record.reference.noise_floors:
+        size = gate.smallest_difference or abs(differences.get(component, 0.0))
+        floors[component] = NoiseFloor(value=size, upper=size)
+    noisy = record.reference.model_copy(update={"noise_floors": floors})
+    return record.model_copy(update={"reference": noisy})

@@ -7,13 +7,19 @@ import shlex
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from experiments.errors import InputError, MachineryError
 from experiments.gate.baseline import baseline_path, read_baseline
+from experiments.gate.determinism import (
+    RENDERED_TWICE,
+    Files,
+    check_planted_rounding,
+    check_rendered_twice,
+)
 from experiments.gate.evaluation import evaluate, exit_code, failed_verdict, verdict_of
 from experiments.gate.finding import Finding
 from experiments.gate.gates_file import GatesFile, load_gates
@@ -52,6 +58,7 @@ def run_gate(
     markdown: Path | None = None,
     update_reason: str | None = None,
     mutants: bool = False,
+    only: Sequence[str] = (),
 ) -> int:
     """Check every gate of a file, or update its baselines.
 
@@ -73,6 +80,8 @@ def run_gate(
         Given: write baselines with this reason instead of comparing.
     mutants
         Also plant the mutants of every gate and demand that each is caught.
+    only
+        Names of the gates to check; none: all.
 
     Returns
     -------
@@ -86,7 +95,9 @@ def run_gate(
     MachineryError
         When a report cannot be written.
     """
-    result = check_gates(gates_file, render, measure, update_reason=update_reason, mutants=mutants)
+    result = check_gates(
+        gates_file, render, measure, update_reason=update_reason, mutants=mutants, only=only
+    )
     try:
         if junit is not None:
             write_junit(result.verdicts, junit)
@@ -116,6 +127,7 @@ def check_gates(
     *,
     update_reason: str | None = None,
     mutants: bool = False,
+    only: Sequence[str] = (),
 ) -> GateRun:
     """Do the work of `run_gate` without writing any report.
 
@@ -125,6 +137,8 @@ def check_gates(
         When the gates file cannot be used or the reason is empty: nothing was rendered.
     """
     content = load_gates(gates_file)
+    if only:
+        content = content.only(only)
     if update_reason is not None and not update_reason.strip():
         raise InputError("no reason", "--reason", "say why the new numbers are right")
     command = f"vctgi gate {shlex.quote(str(gates_file))} --update --reason TEXT"
@@ -139,13 +153,18 @@ def check_gates(
             verdicts.append(failed_verdict(gate, "render", error, time.perf_counter() - start))
             continue
         records[gate.name] = record
+        if gate.deterministic:
+            again = _rendered_twice(gate, render, (record, record_path), mutants)
+            verdicts += again
+            if not all(verdict.passed for verdict in again) and update_reason is not None:
+                continue
         if update_reason is None:
             verdicts += _compare(gate, record, record_path, folder, command, mutants)
         else:
             update = partial(_update, gate, record, record_path, folder, update_reason)
             verdicts.append(verdict_of(gate, "baseline", update))
     if update_reason is None:
-        verdicts += _orders(content, records)
+        verdicts += _orders(content, records, mutants)
     for study in content.studies:
         verdicts += judge_study(
             study, measure, folder, command, update_reason=update_reason, mutants=mutants
@@ -181,12 +200,48 @@ def _update(
     )
 
 
-def _orders(content: GatesFile, records: dict[str, Record]) -> list[Verdict]:
+def _rendered_twice(gate: GateSpec, render: Render, first: Files, mutants: bool) -> list[Verdict]:
+    """Render a gate's scene once more: the pictures must be the same, and rounding be noticed."""
+    start = time.perf_counter()
+    try:
+        second = render(gate)
+    except Exception as error:  # as for the first render
+        return [failed_verdict(gate, "render", error, time.perf_counter() - start)]
+    check = partial(check_rendered_twice, first, second)
+    verdicts = [verdict_of(gate, RENDERED_TWICE, check)]
+    if mutants:
+        planted = partial(check_planted_rounding, *second)
+        verdicts.append(
+            mutant_verdict(gate, "one value moved by rounding", RENDERED_TWICE, planted)
+        )
+    return verdicts
+
+
+def mutant_verdict(gate: GateSpec, name: str, item: str, check: Callable[[], Finding]) -> Verdict:
+    """Demand that a check of something with a planted fault fails."""
+    found = verdict_of(gate, item, check)
+    return Verdict(
+        gate=f"{gate.name}: {name}",
+        scene=gate.scene,
+        kind="mutant",
+        passed=not found.passed,
+        value=None,
+        limit=f"{item} fails",
+        message="this fault was let through" if found.passed else found.message,
+        seconds=found.seconds,
+    )
+
+
+def _orders(content: GatesFile, records: dict[str, Record], mutants: bool) -> list[Verdict]:
     """Compare pairs of records; a pair whose render failed has its verdict there already."""
     gates = {gate.name: gate for gate in content.gates}
     verdicts = []
     for order in content.orders:
         if order.better in records and order.worse in records:
             check = partial(check_order, order, records[order.better], records[order.worse])
-            verdicts.append(verdict_of(gates[order.better], f"order {order.name}", check))
+            gate, item = gates[order.better], f"order {order.name}"
+            verdicts.append(verdict_of(gate, item, check))
+            if mutants:
+                swapped = partial(check_order, order, records[order.worse], records[order.better])
+                verdicts.append(mutant_verdict(gate, f"{item} swapped", item, swapped))
     return verdicts

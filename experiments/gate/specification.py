@@ -142,6 +142,12 @@ class Budget(Settings):
     rel: float = Field(ge=0.0, lt=SLOWDOWN - 1.0)
 
 
+class Memory(Settings):
+    """The voxels that cones read must not grow beyond the baseline's bytes x (1 + rel)."""
+
+    rel: float = Field(ge=0.0, lt=SLOWDOWN - 1.0)
+
+
 class GateSpec(Settings):
     """One scene, preset and resolution, and what it is held to.
 
@@ -162,6 +168,9 @@ class GateSpec(Settings):
     one that the record finds. The reference's noise must lie ten times below it."""
     metrics: tuple[AnyMetricGate, ...] = Field(alias="metric", min_length=1, strict=False)
     budgets: tuple[Budget, ...] = Field(alias="budget", default=(), strict=False)
+    memory: Memory | None = None
+    deterministic: bool = False
+    """Whether it is rendered twice, and both renders must have the same pictures bit for bit."""
 
     @model_validator(mode="after")
     def _each_once(self) -> GateSpec:

@@ -14,9 +14,9 @@ from experiments.gate.baseline import (
     environment_of,
     read_model,
 )
-from experiments.gate.scales import metric_from_axis
+from experiments.gate.scales import Scale, metric_from_axis
 from experiments.gate.specification import Settings
-from experiments.gate.study_specification import AnyStudyGate, StudyGate
+from experiments.gate.study_specification import AnyStudyGate, StudyExact, StudyGate
 from experiments.gate.tolerance import estimate_of
 from reports.record import Interval, MetricValue
 from reports.study_record import StudyRecord, StudyRow
@@ -78,9 +78,10 @@ def number_of(row: StudyRow, gate: AnyStudyGate) -> MetricValue:
     """Take a row for the number that a gate compares; the row has a value."""
     assert row.value is not None, "rows without a value are judged before"
     interval = None
-    if gate.noise is None and row.low is not None and row.high is not None:
+    scale, noise = scale_and_noise(gate)
+    if noise is None and row.low is not None and row.high is not None:
         interval = Interval(low=row.low, high=row.high)
-    ideal = 0.0 if gate.scale == "error" else 1.0
+    ideal = 0.0 if scale == "error" else 1.0
     return MetricValue(
         name=row.check,
         component=gate.component,
@@ -90,6 +91,11 @@ def number_of(row: StudyRow, gate: AnyStudyGate) -> MetricValue:
         # Another goal is an aim on the way there.
         ideal=row.goal if row.goal in (0.0, 1.0) else ideal,
     )
+
+
+def scale_and_noise(gate: AnyStudyGate) -> tuple[Scale, float | None]:
+    """Return the scale of a gate and its declared noise; an `exact` one has no noise at all."""
+    return ("error", 0.0) if isinstance(gate, StudyExact) else (gate.scale, gate.noise)
 
 
 def formula_of(row: StudyRow) -> str:
@@ -130,8 +136,10 @@ def _study_number(gate: AnyStudyGate, record: StudyRecord) -> StudyNumber:
             )
     assert mutant.value is not None
     metric = number_of(row, gate)
-    estimate = estimate_of(gate, metric)
-    ends = [metric_from_axis(gate.scale, end) for end in (estimate.low, estimate.high)]
+    ends = [metric.value]
+    if not isinstance(gate, StudyExact):
+        estimate = estimate_of(gate, metric)
+        ends = [metric_from_axis(gate.scale, end) for end in (estimate.low, estimate.high)]
     return StudyNumber(
         value=metric.value,
         low=min(*ends, metric.value),

@@ -13,7 +13,7 @@ from experiments.gate.evaluation import (
     verdict_or_none,
 )
 from experiments.gate.finding import UPDATE_REMEDY, Finding
-from experiments.gate.kinds import check_band
+from experiments.gate.kinds import check_band, check_same_number
 from experiments.gate.order import compare_order, distance_from_ideal
 from experiments.gate.scales import (
     Estimate,
@@ -31,6 +31,7 @@ from experiments.gate.study_baseline import (
 from experiments.gate.study_specification import (
     AnyStudyGate,
     StudyAbsolute,
+    StudyExact,
     StudyGate,
     StudyOrder,
 )
@@ -111,6 +112,14 @@ def require_mutant_fails(entry: StudyNumber) -> None:
         It would.
     """
     gate, before = entry.tolerance, entry.estimate()
+    if isinstance(gate, StudyExact):
+        if entry.mutant == entry.value:
+            raise InputError(
+                f"with its planted fault ({gate.mutant}) the number is the same, {entry.value:.5g}",
+                f"exact gate on {gate.metric}",
+                "name a fault that the number shows",
+            )
+        return
     band = band_of(gate, before)
     where = f"{gate.kind} gate on {gate.metric}"
     noise = gate.noise or 0.0
@@ -164,6 +173,8 @@ def _check_number(
     if stale is not None or entry is None:
         return stale
     require_mutant_fails(entry)
+    if isinstance(gate, StudyExact):
+        return check_same_number(number_of(row, gate), entry)
     return check_band(gate, number_of(row, gate), entry)
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from experiments.errors import InputError
 from experiments.gate.scales import metric_from_axis
-from experiments.gate.study_baseline import StudyBaseline, find_row
+from experiments.gate.study_baseline import StudyBaseline, find_row, scale_and_noise
 from experiments.gate.study_evaluation import evaluate_study
-from experiments.gate.study_specification import AnyStudyGate, StudyGate
+from experiments.gate.study_specification import AnyStudyGate, StudyExact, StudyGate
 from experiments.gate.tolerance import effect_on_axis
 from reports.junit import Verdict
 from reports.study_record import StudyRecord, StudyRow
@@ -91,7 +92,7 @@ def planted_in_study(
     yield StudyMutant("other configuration", "exact", first.metric, _with(record, other))
     for each in gate.checks:
         row = find_row(record, each.metric)
-        for sign in (1, -1) if each.scale == "ratio" else (1,):
+        for sign in (1, -1) if scale_and_noise(each)[0] == "ratio" else (1,):
             moved = _moved(row, _by_weakest_effect(each, baseline, sign))
             name = f"{each.metric} moved {'up' if sign > 0 else 'down'} [{each.kind}]"
             yield StudyMutant(name, each.kind, each.metric, _with(record, moved))
@@ -118,6 +119,8 @@ def _by_weakest_effect(gate: AnyStudyGate, baseline: StudyBaseline, sign: int) -
     entry = baseline.number_for(gate)
     if entry is None:
         raise InputError("the baseline has no number", gate.metric, "review a new one")
+    if isinstance(gate, StudyExact):
+        return math.nextafter(entry.value, math.inf)
     before = entry.estimate()
     return metric_from_axis(gate.scale, before.value + sign * effect_on_axis(gate, before))
 

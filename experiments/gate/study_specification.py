@@ -9,6 +9,7 @@ from pydantic import ConfigDict, Field, model_validator
 from experiments.gate.scales import Scale
 from experiments.gate.specification import (
     Absolute,
+    Exact,
     MetricGate,
     Noise,
     NonInferior,
@@ -47,7 +48,11 @@ class StudyNonInferior(OfStudy, NonInferior):
     """`noninferior` on a number of a study."""
 
 
-AnyStudyGate = Annotated[StudyAbsolute | StudyNonInferior, Field(discriminator="kind")]
+class StudyExact(OfStudy, Exact):
+    """`exact` on a number of a study: the baseline's, bit for bit, such as a count of 0."""
+
+
+AnyStudyGate = Annotated[StudyAbsolute | StudyNonInferior | StudyExact, Field(discriminator="kind")]
 
 
 class StudyOrder(Settings):

@@ -17,7 +17,7 @@ from experiments.gate.baseline import (
     environment_of,
     reference_of,
 )
-from experiments.gate.budget import find_time
+from experiments.gate.budget import find_time, find_voxel_bytes
 from experiments.gate.evaluation import ERROR, evaluate
 from experiments.gate.finding import find_metric
 from experiments.gate.scales import metric_from_axis
@@ -109,6 +109,7 @@ def baseline_from_record(gate: GateSpec, record: Record, reason: str) -> Baselin
             )
             for time in times
         ],
+        voxel_bytes=None if gate.memory is None else find_voxel_bytes(record),
         display=record.display,
         environment=environment_of(record.machine),
         reference=reference_of(record),

@@ -71,6 +71,10 @@ STUDIES = {
         "experiments.studies.stability",
         "Do stiff and extreme scenes and settings still give sound light?",
     ),
+    "gates": StudyEntry(
+        "experiments.studies.gates",
+        "How often do gates fail for nothing, and how small a fault do they find?",
+    ),
     "validation": StudyEntry(
         "experiments.studies.validation",
         "Do the metrics of artefacts find what is there, and nothing else?",

@@ -51,6 +51,9 @@ LARGEST_RIPPLE = 0.01
 ROUNDING = 1e-4
 """Relative: single precision in scenes that are moved by several windows."""
 
+FAULTY_MOVE = 0.5
+"""Of the planted fault, in voxels of the finest level."""
+
 Measure = Callable[[MovedRoom, str], Measurement]
 
 MEASURES: dict[str, Measure] = {
@@ -109,7 +112,7 @@ def _check(name: str, mover: str, level: int, how: str) -> Check:
 
 
 def _measure(context: StudyContext, name: str, mover: str, level: int, how: str) -> Measured:
-    room = moved_room(context, mover, level)
+    room = moved_room(context, mover, level, how)
     if name in COMPARED:
         require_told_apart(
             room.light[how], room.batches, PATHS[context.quick], "the reference of the receivers"
@@ -130,8 +133,16 @@ def _recentring_checks() -> list[Check]:
             goal=0.0,
         )
         for how in HOWS
+    ] + [
+        Check(
+            name=f"planted fault, moved by {FAULTY_MOVE:g} voxel besides, {SMOOTH}",
+            configuration=f"{CONFIGURATION}; {SMOOTH}",
+            scene="room two wide, moved by half a voxel of the finest level more than its windows",
+            measure=partial(_recentring, how=SMOOTH, besides=FAULTY_MOVE),
+            limit_low=100.0 * ROUNDING,
+        )
     ]
 
 
-def _recentring(context: StudyContext, how: str) -> Measured:
-    return Measured(value=recentring_difference(*recentred(context, how)))
+def _recentring(context: StudyContext, how: str, besides: float = 0.0) -> Measured:
+    return Measured(value=recentring_difference(*recentred(context, how, besides)))

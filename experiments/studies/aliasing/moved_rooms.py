@@ -95,9 +95,14 @@ class MovedRoom:
     batches: np.ndarray
 
 
-def moved_room(context: StudyContext, mover: str, level: int) -> MovedRoom:
-    """Return what was found as one thing moved through voxels of a level, found once for all."""
-    return context.once(f"{mover}, level {level}", partial(_move, context, mover, level))
+def moved_room(context: StudyContext, mover: str, level: int, how: str) -> MovedRoom:
+    """Return what was found as one thing moved through voxels of a level, found once for all.
+
+    The quick version injects in `QUICK_HOWS` only, unless `how` is another way.
+    """
+    hows = QUICK_HOWS if context.quick and how in QUICK_HOWS else HOWS
+    key = f"{mover}, level {level}, {', '.join(hows)}"
+    return context.once(key, partial(_move, context, mover, level, hows))
 
 
 def wall_points(count: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
@@ -168,11 +173,17 @@ def cone_light(
     return light
 
 
-def recentred(context: StudyContext, how: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the light [point, 1, rgb] before and after a move of everything by whole voxels."""
+def recentred(
+    context: StudyContext, how: str, besides: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the light [point, 1, rgb] before and after a move of everything by whole voxels.
+
+    `besides`, in voxels of the finest level, is moved as well: the fault that a gate must find.
+    """
     points, normals = wall_points(RECEIVERS[context.quick])
     coarsest = FINEST_VOXEL * 2.0**LEVELS
     whole = coarsest * RESOLUTION / 4.0 * np.array([1.0, -1.0, 2.0])
+    whole = whole + besides * FINEST_VOXEL
     still = np.zeros(3)
     found = []
     for moved in (still, whole):
@@ -182,12 +193,11 @@ def recentred(context: StudyContext, how: str) -> tuple[np.ndarray, np.ndarray]:
     return found[0], found[1]
 
 
-def _move(context: StudyContext, mover: str, level: int) -> MovedRoom:
+def _move(context: StudyContext, mover: str, level: int, hows: tuple[str, ...]) -> MovedRoom:
     voxel = FINEST_VOXEL * 2.0**level
     phases = PHASES[context.quick]
     places = np.arange(phases * PERIODS[mover]) / phases
     places -= places.mean()
-    hows = QUICK_HOWS if context.quick else HOWS
     powers: dict[str, list[float]] = {how: [] for how in hows}
     light: dict[str, list[np.ndarray]] = {how: [] for how in hows}
     truth: list[np.ndarray] = []
@@ -216,7 +226,8 @@ def _move(context: StudyContext, mover: str, level: int) -> MovedRoom:
         if mover in ("camera", "grid") and truth:
             truth.append(truth[0])
         else:
-            truth.append(_reference(context, scene, points + whole, normals))
+            trace = partial(_reference, context, scene, points + whole, normals)
+            truth.append(context.once(f"{mover}, level {level}, truth of {frame}", trace))
     found = MovedRoom(
         places=places,
         powers={how: np.array(values) for how, values in powers.items()},

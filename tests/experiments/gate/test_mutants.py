@@ -7,11 +7,19 @@ from typing import TYPE_CHECKING
 
 from experiments.gate.mutants import check_mutants, planted
 from experiments.gate.update import baseline_from_record
-from reports.record import MetricValue
+from reports.record import FrameCost, MetricValue
 
 if TYPE_CHECKING:
     from tests.experiments.gate.conftest import Bench
 
+COST = FrameCost(
+    gathering_cones=1,
+    gathering_samples=1,
+    specular_cones=0,
+    specular_samples=0,
+    near_field_rays=0,
+    voxel_bytes=1000,
+)
 COUNT = MetricValue(
     name="launches", component="image", value=12.0, interval=None, formula="sum", ideal=0.0
 )
@@ -36,18 +44,22 @@ def test_every_mutant_of_every_kind_is_caught(bench: Bench, tmp_path: Path) -> N
             "noise": 0.01,
         },
         budget=[{"stage": "trace", "rel": 0.5}],
+        memory={"rel": 0.1},
+        smallest_difference=0.01,
     )
     source, _ = bench.record(seed=2, render=bench.truth, method="path", extra=[COUNT, SIMILARITY])
     record, path = bench.record(
         seed=3, render=bench.truth, method="path", extra=[COUNT, SIMILARITY]
     )
+    source, record = (each.model_copy(update={"cost": COST}) for each in (source, record))
     baseline = baseline_from_record(gate, source, "bench")
     verdicts = check_mutants(record, path, gate, baseline, tmp_path / "scratch")
     assert [v.message for v in verdicts if not v.passed] == []
     kinds = {m.kind for m in planted(record, path, gate, baseline, tmp_path / "again")}
-    assert kinds == {"finite", "exact", "noninferior", "absolute", "equal", "budget"}
-    # NaN, scene, configuration; three ratios both ways; a count, a similarity, a time
-    assert len(verdicts) == 3 + 6 + 3
+    assert kinds == {"finite", "exact", "noninferior", "absolute", "equal", "budget", "error"}
+    # NaN, infinity, negative, scene, configuration; three ratios both ways; a count, a similarity,
+    # a time, a size, noise
+    assert len(verdicts) == 5 + 6 + 5
 
 
 def test_a_mutant_that_gets_through_is_a_failure(bench: Bench, tmp_path: Path) -> None:
