@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from experiments.studies.check import Check, Measured, StudyContext
-from experiments.studies.derivatives import cost
+from experiments.studies.derivatives import cost, prb, stable
 from experiments.studies.derivatives.measure import (
     MODES,
     Picture,
@@ -23,7 +23,12 @@ from experiments.studies.derivatives.measure import (
     mean_picture,
     moved,
 )
-from experiments.studies.derivatives.room import POINTS, DerivativeRoom, derivative_room
+from experiments.studies.derivatives.room import (
+    POINTS,
+    SCENE_NAMES,
+    DerivativeRoom,
+    derivative_room,
+)
 
 CONE_NAMES = (
     "aperture_scale",
@@ -39,13 +44,6 @@ CONE_NAMES = (
     "specular_aperture_scale",
 )
 """Parameters of the cones that are measured."""
-
-SCENE_NAMES = {
-    "albedo of the walls": "white.reflectance.value",
-    "radiance of the lamp": "light.emitter.radiance.value",
-    "roughness of the ball": "small-box.bsdf.alpha.value",
-}
-"""Parameters of the scene."""
 
 QUICK = ("aperture_scale", "opacity_exponent", "radiance of the lamp")
 """Those of the quick version."""
@@ -105,7 +103,7 @@ def checks() -> list[Check]:
         )
         for least in ENDS
     ]
-    return found + cost.checks(SCENE)
+    return found + stable.checks() + prb.checks() + cost.checks(SCENE)
 
 
 def _bias_of_ending(context: StudyContext, least: float) -> Measured:

@@ -28,6 +28,13 @@ START = {"step_ratio": 0.47, "min_step_voxels": 0.27, "start_offset_voxels": 1.0
 """Values of the march off the preset's, at which steps by its two rules are equally long for many
 cones at once: a derivative there is that of one side."""
 
+SCENE_NAMES = {
+    "albedo of the walls": "white.reflectance.value",
+    "radiance of the lamp": "light.emitter.radiance.value",
+    "roughness of the ball": "small-box.bsdf.alpha.value",
+}
+"""Parameters of the scene."""
+
 POINTS = (0.93, 1.0, 1.07)
 """Factors on a parameter's values at which derivatives are taken."""
 
