@@ -132,7 +132,19 @@ def _measure(context: StudyContext, scene: str, parameter: str, number: str) -> 
         f"derivatives, prb, {scene}, {parameter}",
         lambda: derivative_pair(loaded, PARAMETERS[scene][parameter], config, paths),
     )
+    _show(context, f"{scene}, {parameter}", pair, loaded.sensors()[0].film().crop_size())
     return Measured(value=NUMBERS[number][0](pair))
+
+
+def _show(context: StudyContext, group: str, pair: Pair, size: mi.ScalarVector2u) -> None:
+    """Keep both derivatives as pictures of one exposure."""
+    width, height = (int(n) for n in size)
+    paths, cones = (
+        each.mean(axis=0).reshape(height, width, -1)[..., :3] for each in (pair.paths, pair.cones)
+    )
+    caption = "Derivative of indirect light by the parameter's share."
+    context.shelf.add_picture(group, "prb", paths, caption=caption)
+    context.shelf.add_picture(group, "Cones", cones, like=paths, caption=caption)
 
 
 def derivative_pair(scene: mi.Scene, name: str, config: RenderConfig, path_count: int) -> Pair:
@@ -151,15 +163,16 @@ def derivative_pair(scene: mi.Scene, name: str, config: RenderConfig, path_count
     """
     parameters: Any = mi.traverse(scene)
     held = type(parameters[name])(parameters[name])
-    share = dr.opaque(mi.Float, 0.0)
-    dr.enable_grad(share)
-    parameters[name] = held * (1.0 + share)
+    # A leaf of the graph: Dr.Jit's forward mode refuses values behind others in calls of BSDFs
+    value = type(held)(held)
+    dr.enable_grad(value)
+    parameters[name] = value
     parameters.update()
+    moved = Moved(scene, value, held)
     count = config.scattering_count
-    cones = [_by_cones(scene, share, config, seed) for seed in (0, 1)]
+    cones = [moved.by_cones(config, seed) for seed in (0, 1)]
     paths = [
-        _by_paths(scene, share, count + 1, path_count, seed)
-        - _by_paths(scene, share, 2, path_count, seed)
+        moved.by_paths(count + 1, path_count, seed) - moved.by_paths(2, path_count, seed)
         for seed in (0, 1)
     ]
     parameters[name] = held
@@ -167,20 +180,30 @@ def derivative_pair(scene: mi.Scene, name: str, config: RenderConfig, path_count
     return Pair(np.stack(cones), np.stack(paths))
 
 
-def _by_cones(scene: mi.Scene, share: mi.Float, config: RenderConfig, seed: int) -> np.ndarray:
-    prepared = prepare_scene(scene, scene.sensors()[0], config)
-    volume = light_volume(prepared, config).volume
-    frame = render_frame(prepared, volume, config, seed=seed)
-    return _slope(frame.indirect_diffuse.array + frame.indirect_specular.array, share)
+@dataclass(frozen=True)
+class Moved:
+    """A scene one of whose values, with derivatives, becomes larger by a share of what it was."""
 
+    scene: mi.Scene
+    value: Any
+    held: Any
 
-def _by_paths(scene: mi.Scene, share: mi.Float, depth: int, count: int, seed: int) -> np.ndarray:
-    integrator = mi.load_dict({"type": "prb", "max_depth": depth, "rr_depth": depth + 1})
-    render: Any = mi.render
-    image = render(scene, mi.traverse(scene), integrator=integrator, spp=count, seed=seed)
-    return _slope(image.array, share)
+    def by_cones(self, config: RenderConfig, seed: int) -> np.ndarray:
+        """Return the derivative of a picture of indirect light."""
+        prepared = prepare_scene(self.scene, self.scene.sensors()[0], config)
+        volume = light_volume(prepared, config).volume
+        frame = render_frame(prepared, volume, config, seed=seed)
+        return self._slope(frame.indirect_diffuse.array + frame.indirect_specular.array)
 
+    def by_paths(self, depth: int, count: int, seed: int) -> np.ndarray:
+        """Return the derivative of a picture of all light up to a number of segments."""
+        integrator = mi.load_dict({"type": "prb", "max_depth": depth, "rr_depth": depth + 1})
+        render: Any = mi.render
+        parameters = mi.traverse(self.scene)
+        image = render(self.scene, parameters, integrator=integrator, spp=count, seed=seed)
+        return self._slope(image.array)
 
-def _slope(numbers: Any, share: mi.Float) -> np.ndarray:
-    dr.set_grad(share, 1.0)
-    return np.array(dr.forward_to(numbers, flags=dr.ADFlag.ClearInterior), dtype=np.float64)
+    def _slope(self, numbers: Any) -> np.ndarray:
+        dr.set_grad(self.value, self.held)
+        slope = dr.forward_to(numbers, flags=dr.ADFlag.ClearEdges)
+        return np.array(slope, dtype=np.float64)
