@@ -100,7 +100,7 @@ def recover(room: Room, integrator: mi.Integrator, steps: int, samples: int) -> 
 
 def seen_error(room: Room, found: Recovered, paths: int) -> float:
     """Return the mean difference of a path-traced picture of what was found, over the mean."""
-    room.set_values(mi.Color3f(*found.albedo), found.power)
+    room.set_values(mi.Color3f(found.albedo.tolist()), found.power)
     picture = np.array(_picture(room.scene, room.paths("path"), paths), dtype=np.float64)
     target = np.array(room.target, dtype=np.float64)
     return float(np.abs(picture - target).mean() / target.mean())

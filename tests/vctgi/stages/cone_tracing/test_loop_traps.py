@@ -50,6 +50,55 @@ def through_fog(factor: mi.Float, shortest: float = 0.2, *, is_one_lane: bool = 
     return march_cone(volume, apex, axis, ratio, phase, live, mi.Bool(True)).transmittance
 
 
+def through_fog_of_one_axis(factor: mi.Float) -> mi.Float:
+    """Return what cones let through that differ in their width alone."""
+    live = LiveMarch.of_numbers(ConeMarchConfig(min_transmittance=0.0), None)
+    live = replace(live, correction_factor=factor)
+    volume = homogeneous_volume(LAYOUT, EXTINCTION, RADIANCE)
+    apex, axis = mi.Point3f(0.03, 0.04, 0.05), mi.Vector3f(1.0, 0.0, 0.0)
+    dr.make_opaque(apex, axis)
+    ratio, phase = mi.Float(np.linspace(0.01, 1.5, LANES)), dr.opaque(mi.Float, 0.6)
+    return march_cone(volume, apex, axis, ratio, phase, live, mi.Bool(True)).transmittance
+
+
+@pytest.mark.parametrize("mode", ["forward", "backward"])
+def test_a_loop_that_only_widths_make_wide_has_the_derivative_of_each(mode: str) -> None:
+    factor = dr.opaque(mi.Float, 1.2)
+    through = np.array(through_fog_of_one_axis(factor), dtype=np.float64)
+    assert through.size == LANES
+    dr.enable_grad(factor)
+    found = dr.sum(through_fog_of_one_axis(factor))
+    if mode == "forward":
+        dr.forward(factor)
+        slope = float(dr.grad(found)[0])
+    else:
+        dr.backward(found)
+        slope = float(dr.grad(factor)[0])
+    assert slope == pytest.approx(float(np.sum(through * np.log(through) / 1.2)), rel=TWIN)
+
+
+def test_a_state_of_full_width_has_the_derivative_that_one_of_one_lane_has_not() -> None:
+    """The trap itself, three times y += t x and t += a: dy / da = 3 x, a lane each."""
+
+    def slope(width: int) -> np.ndarray:
+        a, x = dr.opaque(mi.Float, 0.5), dr.full(mi.Float, 1.0, LANES)
+        dr.make_opaque(x)
+        dr.enable_grad(a)
+        start = dr.full(mi.Float, 0.1, width)
+        dr.make_opaque(start)
+        _, _, y = dr.while_loop(
+            state=(dr.zeros(mi.UInt32, width), start, dr.zeros(mi.Float, width)),
+            cond=lambda i, t, y: i < 3,
+            body=lambda i, t, y: (i + 1, t + a, y + t * x),
+        )
+        dr.forward(a)
+        return np.array(dr.grad(y))
+
+    np.testing.assert_allclose(slope(LANES), 3.0, rtol=1e-6)
+    # A Dr.Jit in which this is 3, too, has no such trap any more
+    assert not np.allclose(slope(1), 3.0)
+
+
 def slopes(mode: str, shortest: float = 0.2, *, is_one_lane: bool = True) -> float:
     """Return the derivative of the sum over all cones by the exponent, at 1.2."""
     factor = dr.opaque(mi.Float, 1.2)
