@@ -92,6 +92,11 @@ def render_frame(
         and the kernels are those of a frame that never is.
     parameters
         Values that go before the numbers of `config`, for derivatives; None: those numbers.
+
+    Raises
+    ------
+    ValueError
+        Parameters out of their bounds.
     """
     width, height = (int(n) for n in prepared.sensor.film().crop_size())
     count = config.samples_per_pixel
@@ -176,6 +181,11 @@ def gather_light(
         to pixels is refused.
     parameters
         Values that go before the numbers of `config`, for derivatives; None: those numbers.
+
+    Raises
+    ------
+    ValueError
+        Parameters out of their bounds.
     """
     tracing = _Tracing(prepared, volume, config, no_clock, None, parameters)
     return _gather_light(tracing, gbuffer, _gatherer(tracing)(gbuffer), None)
@@ -205,6 +215,10 @@ class _Tracing:
     clock: StageClock
     tally: FrameTally | None
     parameters: ConeParameters | None
+
+    def __post_init__(self) -> None:
+        if self.parameters is not None:
+            self.parameters.check_bounds()
 
 
 def _gather_light(

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from experiments.studies.check import Check, Measured, StudyContext
-from experiments.studies.derivatives import cost
+from experiments.studies.derivatives import cost, prb, stable
 from experiments.studies.derivatives.measure import (
     MODES,
     Picture,
@@ -23,7 +23,13 @@ from experiments.studies.derivatives.measure import (
     mean_picture,
     moved,
 )
-from experiments.studies.derivatives.room import POINTS, DerivativeRoom, derivative_room
+from experiments.studies.derivatives.room import (
+    POINTS,
+    SCENE_NAMES,
+    DerivativeRoom,
+    derivative_room,
+)
+from reports.study_figures import Definition
 
 CONE_NAMES = (
     "aperture_scale",
@@ -40,13 +46,6 @@ CONE_NAMES = (
 )
 """Parameters of the cones that are measured."""
 
-SCENE_NAMES = {
-    "albedo of the walls": "white.reflectance.value",
-    "radiance of the lamp": "light.emitter.radiance.value",
-    "roughness of the ball": "small-box.bsdf.alpha.value",
-}
-"""Parameters of the scene."""
-
 QUICK = ("aperture_scale", "opacity_exponent", "radiance of the lamp")
 """Those of the quick version."""
 
@@ -60,7 +59,28 @@ LIMITS = {FINE: 0.05, COARSE: 0.15}
 """How far a derivative may be off, relative to the differences of these steps."""
 
 SCENE = (
-    "Cornell box with a rough metal ball, 48 x 48 pixels, four rays each, in the quick version one"
+    "Cornell box with a rough metal ball, 48 x 48 pixels, 16 rays each, in the quick version one"
+)
+
+
+DEFINITIONS = (
+    Definition(
+        name="off differences",
+        formula="|AD - D| / max(|D|, 0.02 mean): of the mean picture, by the share by which the "
+        "values become larger, each by another; D the central difference",
+        source="experiments/studies/derivatives/measure.py; worst of three points",
+    ),
+    Definition(
+        name="cosine with prb's",
+        formula="mean <v_i, r_j> / sqrt(<v_1, v_2> <r_1, r_2>); v derivatives by cones, r by prb, "
+        "of a share of the parameter, two independent pictures each",
+        source="experiments/studies/derivatives/prb.py",
+    ),
+    Definition(
+        name="squared difference from prb's, over its square",
+        formula="<v_1 - r_1, v_2 - r_2> / <r_1, r_2>",
+        source="experiments/studies/derivatives/prb.py",
+    ),
 )
 
 
@@ -105,7 +125,7 @@ def checks() -> list[Check]:
         )
         for least in ENDS
     ]
-    return found + cost.checks(SCENE)
+    return found + stable.checks() + prb.checks() + cost.checks(SCENE)
 
 
 def _bias_of_ending(context: StudyContext, least: float) -> Measured:

@@ -21,12 +21,20 @@ from vctgi.prepared import PreparedScene
 EDGE = 48
 """Pixels along an edge of the picture."""
 
-SAMPLES = (4, 1)
-"""Rays a pixel, in the whole study and in the quick one: kinks of many cones average out."""
+SAMPLES = (16, 1)
+"""Rays a pixel, in the whole study and in the quick one. Kinks of many cones average out: by all
+apertures, over a step of 0.01, the worst point is 25 % off with 1 ray, 15 % with 4, 5 % with 16."""
 
 START = {"step_ratio": 0.47, "min_step_voxels": 0.27, "start_offset_voxels": 1.03}
 """Values of the march off the preset's, at which steps by its two rules are equally long for many
 cones at once: a derivative there is that of one side."""
+
+SCENE_NAMES = {
+    "albedo of the walls": "white.reflectance.value",
+    "radiance of the lamp": "light.emitter.radiance.value",
+    "roughness of the ball": "small-box.bsdf.alpha.value",
+}
+"""Parameters of the scene."""
 
 POINTS = (0.93, 1.0, 1.07)
 """Factors on a parameter's values at which derivatives are taken."""

@@ -13,6 +13,7 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from vctgi.stages.cone_tracing.diffuse_config import DiffuseConesConfig
 from vctgi.stages.cone_tracing.live_march import LiveMarch
@@ -29,6 +30,23 @@ MARCH_NAMES = {
 """Parameters of the march of diffuse cones, and what `ConeMarchConfig` calls them. One lane each,
 or one a cone."""
 
+WIDEST = math.pi - 1e-6
+"""Full apex angle, radians, behind which half the angle has no tangent in single precision."""
+
+BOUNDS = {
+    "apertures": (0.0, True, WIDEST),
+    "aperture_scale": (0.0, False, math.inf),
+    "weights": (0.0, False, math.inf),
+    "elevations": (0.0, True, 0.5 * math.pi),
+    "step_ratio": (0.0, False, math.inf),
+    "min_step_voxels": (0.0, False, math.inf),
+    "start_offset_voxels": (0.0, True, math.inf),
+    "opacity_exponent": (0.0, False, math.inf),
+    "specular_aperture_scale": (0.0, False, math.inf),
+    "ambient_range_scale": (0.0, False, math.inf),
+}
+"""Lower end, whether it belongs to the interval, and upper end, which does not."""
+
 CONE_NAMES = ("apertures", "weights", "elevations")
 """Parameters of which there is one a cone."""
 
@@ -40,7 +58,7 @@ class ConeValues(Mapping[str, "mi.Float"]):
     """Parameters of cones by name; assigning to a name replaces its values.
 
     `apertures`
-        Full apex angle of each diffuse cone before the scale, radians, (0, pi).
+        Full apex angle of each diffuse cone before the scale, radians, [0, pi).
     `aperture_scale`
         Factor on all of them.
     `weights`
@@ -164,6 +182,34 @@ class ConeValues(Mapping[str, "mi.Float"]):
             cone_elevations=self._tuple("elevations"),
             march=replace(config.march, **numbers),
         )
+
+    def check_bounds(self) -> None:
+        """Refuse values at which cones are none, or never end.
+
+        Raises
+        ------
+        ValueError
+            A value is out of the bounds that the class states, or not finite.
+        """
+        for name, held in self._values.items():
+            values = np.array(dr.detach(held), dtype=np.float64)
+            if not np.isfinite(values).all():
+                raise ValueError(f"parameter '{name}' must be finite, got {values.tolist()}.")
+            low, includes_low, high = BOUNDS.get(name, (-math.inf, False, math.inf))
+            is_good = (values > low) | ((values == low) & includes_low)
+            if not (is_good & (values < high)).all():
+                interval = f"{'[' if includes_low else '('}{low:g}, {high:g})"
+                raise ValueError(
+                    f"parameter '{name}' must be in {interval}, got {values.tolist()}; "
+                    "bound what an optimiser may do."
+                )
+        widest = float(np.max(np.array(dr.detach(self._values["apertures"]), dtype=np.float64)))
+        widest *= float(self._values["aperture_scale"][0])
+        if not widest < WIDEST:
+            raise ValueError(
+                f"parameters 'apertures' and 'aperture_scale' make a cone of {widest:g} radians, "
+                f"and none can be wider than {WIDEST:g}; bound what an optimiser may do."
+            )
 
     def _tuple(self, name: str) -> tuple[float, ...]:
         return tuple(float(each) for each in self._values[name])

@@ -70,7 +70,8 @@ def march_cone(
     [Panteleev2014], slides "Cone tracing basics" and "Diffuse and specular cone tracing".
     """
     layout = volume.layout
-    full = dr.zeros(mi.Float, max(dr.width(apex), dr.width(axis)))
+    inputs = (apex, axis, cone_ratio, phase, active)
+    full = dr.zeros(mi.Float, max(dr.width(each) for each in inputs))
     t_begin, t_end = march_range(layout, apex, axis, cone_ratio)
     t_end = limited_end(layout, t_end, cone_ratio, config)
     start = config.start_offset_voxels * layout.finest_voxel_size

@@ -1,0 +1,3 @@
+"""Short programs to read and to change: what derivatives of pictures are good for."""
+
+from __future__ import annotations
