@@ -46,13 +46,11 @@ app = App(
     help_flags=["--help", "-h"],
     result_action="return_value",
 )
+app.command(optimize)
 app.command(sweep)
 app.command(results)
 app.command(sweep_job, show=False)
 app.command(sweep_scenes, show=False)
-
-
-app.command(optimize)
 
 
 @app.command

@@ -55,7 +55,7 @@ def test_every_combination_is_a_job(tmp_path: Path) -> None:
 
 
 def test_the_example_is_sixteen_jobs() -> None:
-    example = Path(__file__).parents[3] / "examples" / "sweep.toml"
+    example = Path(__file__).parents[3] / "experiments" / "examples" / "sweep.toml"
     assert len(jobs_of(load_sweep(example, {}))) == 16
 
 
