@@ -23,8 +23,9 @@ DEFINITIONS = (
     ),
     Definition(
         name="L2, leak_wrong_face",
-        formula="sum of max(0, light read in sight - gain R) / light gathered; gain: median of "
-        "light read in sight over true light R, so that a factor is no leak",
+        formula="sum of max(0, light read in sight - gain R) / light gathered; gain: median "
+        "over tiles of 8 x 8 pixels of light read in sight over true light R, so that a factor is "
+        "no leak",
         source=f"{METRICS}, audit_shares",
     ),
     Definition(
