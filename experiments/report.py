@@ -9,12 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from experiments.errors import InputError
+from experiments.measured_scene import load_measured_scene
 from experiments.progress import ProgressReport
 from experiments.run import RunOptions, run_scene
-from experiments.scenes import BUILT_IN, LoadedScene, load_scene
+from experiments.scenes import BUILT_IN, LoadedScene
 from experiments.session import (
-    DEFAULT_RESOLUTION,
-    SMALLEST_PICTURE,
     start_mitsuba,
     writable_file,
     writable_folder,
@@ -86,12 +85,12 @@ def make_report(
         # All scenes are loaded and checked before the first is rendered: a typing error in the
         # last name must not cost the minutes of the others.
         for name in names:
-            _load(name, resolution, sensor)
+            load_measured_scene(name, resolution, sensor)
         writable_folder(output)
         if json_file is not None:
             writable_file(json_file, "--json")
         for number, name in enumerate(names, start=1):
-            loaded = _load(name, resolution, sensor)
+            loaded = load_measured_scene(name, resolution, sensor)
             for place, preset in enumerate(presets, start=1):
                 about = f", {preset}" if len(presets) > 1 else ""
                 done = (number - 1) * len(presets) + place
@@ -120,24 +119,6 @@ def make_report(
     if failures:
         raise failures[0]
     return page
-
-
-def _load(name: str, resolution: int | None, sensor: int) -> LoadedScene:
-    """Load a scene and check that its picture can be measured."""
-    loaded = load_scene(
-        name,
-        resolution=resolution,
-        default_resolution=DEFAULT_RESOLUTION,
-        sensor_index=sensor,
-    )
-    width, height = (int(n) for n in loaded.scene.sensors()[sensor].film().crop_size())
-    if min(width, height) < SMALLEST_PICTURE:
-        raise InputError(
-            what=f"a picture of {width} x {height} pixels is too small to measure",
-            where=name,
-            remedy=f"give a --resolution that makes its shorter edge at least {SMALLEST_PICTURE}",
-        )
-    return loaded
 
 
 def _command(

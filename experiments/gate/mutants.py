@@ -12,6 +12,7 @@ from typing import Final
 from experiments.errors import MachineryError
 from experiments.gate.baseline import Baseline
 from experiments.gate.evaluation import ERROR, VOXEL_MEMORY, evaluate
+from experiments.gate.fault import Fault
 from experiments.gate.identity import SIGNED_IMAGES
 from experiments.gate.noise import DIFFERENCE, check_noise
 from experiments.gate.scales import metric_from_axis
@@ -39,14 +40,9 @@ SPOILT: Final = {"one NaN": math.nan, "one infinity": math.inf, "one negative va
 
 
 @dataclass(frozen=True)
-class Mutant:
-    """A record with one fault, and where a verdict must show it."""
+class Mutant(Fault):
+    """A record with one fault."""
 
-    name: str
-    kind: str
-    """Kind of gate that must fail."""
-    item: str
-    """What that gate is about, as `evaluate` names it."""
     record: Record
     record_path: Path
 
@@ -73,25 +69,9 @@ def check_mutants(
     verdicts = []
     for mutant in planted(record, record_path, gate, baseline, scratch):
         start = time.perf_counter()
-        item = f"{gate.name}: {mutant.item}"
-        caught = [
-            verdict
-            for verdict in evaluate(mutant.record, mutant.record_path, gate, baseline)
-            if verdict.gate == item and verdict.kind == mutant.kind and not verdict.passed
-        ]
-        message = caught[0].message if caught else f"the {mutant.kind} gate let this fault through"
-        verdicts.append(
-            Verdict(
-                gate=f"{gate.name}: {mutant.name}",
-                scene=gate.scene,
-                kind="mutant",
-                passed=bool(caught),
-                value=None,
-                limit=f"{mutant.kind} of {mutant.item} fails",
-                message=message,
-                seconds=time.perf_counter() - start,
-            )
-        )
+        found = evaluate(mutant.record, mutant.record_path, gate, baseline)
+        seconds = time.perf_counter() - start
+        verdicts.append(mutant.judge(gate.name, gate.scene, found, seconds))
     return verdicts
 
 

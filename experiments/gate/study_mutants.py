@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from experiments.errors import InputError
+from experiments.gate.fault import Fault
 from experiments.gate.scales import metric_from_axis
 from experiments.gate.study_baseline import StudyBaseline, find_row, scale_and_noise
 from experiments.gate.study_evaluation import evaluate_study
@@ -18,12 +19,9 @@ from reports.study_record import StudyRecord, StudyRow
 
 
 @dataclass(frozen=True)
-class StudyMutant:
-    """A study with one fault, and where a verdict must show it."""
+class StudyMutant(Fault):
+    """A study with one fault."""
 
-    name: str
-    kind: str
-    item: str
     record: StudyRecord
 
 
@@ -47,25 +45,9 @@ def check_study_mutants(
     verdicts = []
     for mutant in planted_in_study(record, gate, baseline):
         start = time.perf_counter()
-        item = f"{gate.name}: {mutant.item}"
-        caught = [
-            verdict
-            for verdict in evaluate_study(mutant.record, gate, baseline)
-            if verdict.gate == item and verdict.kind == mutant.kind and not verdict.passed
-        ]
-        message = caught[0].message if caught else f"the {mutant.kind} gate let this fault through"
-        verdicts.append(
-            Verdict(
-                gate=f"{gate.name}: {mutant.name}",
-                scene=gate.scene,
-                kind="mutant",
-                passed=bool(caught),
-                value=None,
-                limit=f"{mutant.kind} of {mutant.item} fails",
-                message=message,
-                seconds=time.perf_counter() - start,
-            )
-        )
+        found = evaluate_study(mutant.record, gate, baseline)
+        seconds = time.perf_counter() - start
+        verdicts.append(mutant.judge(gate.name, gate.scene, found, seconds))
     return verdicts
 
 

@@ -89,28 +89,16 @@ def _render(job_file: Path, output: Path, threads: int | None) -> None:
 
 def sweep_scenes(*scenes: str, variant: str, resolution: int | None = None, sensor: int = 0) -> int:
     """Load scenes as a sweep's jobs will; print their fingerprints, or the fault of the first."""
-    from experiments.session import DEFAULT_RESOLUTION, SMALLEST_PICTURE, start_mitsuba
+    from experiments.session import start_mitsuba
 
     start_mitsuba(variant)
-    from experiments.scenes import load_scene
+    from experiments.measured_scene import load_measured_scene
     from reference import scene_digest
 
     answer: dict[str, dict[str, str]] = {"digests": {}}
     try:
         for name in scenes:
-            loaded = load_scene(
-                name,
-                resolution=resolution,
-                default_resolution=DEFAULT_RESOLUTION,
-                sensor_index=sensor,
-            )
-            width, height = (int(n) for n in loaded.scene.sensors()[sensor].film().crop_size())
-            if min(width, height) < SMALLEST_PICTURE:
-                raise InputError(
-                    what=f"a picture of {width} x {height} pixels is too small to measure",
-                    where=name,
-                    remedy=f"ask for a shorter edge of at least {SMALLEST_PICTURE}",
-                )
+            loaded = load_measured_scene(name, resolution, sensor)
             answer["digests"][name] = scene_digest(loaded.scene)
     except InputError as error:
         answer = {"refused": {"what": error.what, "where": error.where, "remedy": error.remedy}}
