@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from vctgi.maths.colors import channel_mean
 from vctgi.maths.stub_gaps import as_component
 from vctgi.scene.records import GBuffer
 from vctgi.stages.reconstruction.config import ReconstructionConfig
@@ -174,14 +175,14 @@ def _weigh_neighbours(
             weight = nearness * _likeness(own, other, config)
             light = dr.gather(mi.Color3f, traced.light, block)
             total = dr.fma(as_component(weight), light, total)
-            squares = dr.fma(weight, dr.square(dr.mean(light)), squares)
+            squares = dr.fma(weight, dr.square(channel_mean(light)), squares)
             weight_sum += weight
             nearness_sum += nearness
     # A pixel's own block is always within reach, so nearness is never 0 all around.
     has_any = weight_sum > 0.0
     weights = dr.select(has_any, weight_sum, 1.0)
     mean = mi.Color3f(total / as_component(weights))
-    grey = mi.Float(dr.mean(mean))
+    grey = channel_mean(mean)
     deviation = dr.safe_sqrt(squares / weights - dr.square(grey))
     contrast = mi.Float(deviation / dr.select(grey > 0.0, grey, 1.0))
     return mean, weight_sum / nearness_sum, contrast

@@ -18,6 +18,7 @@ import numpy as np
 
 from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.storage import OpacityClipmap
+from vctgi.maths.colors import channel_mean
 from vctgi.maths.directions import kronecker_points, kronecker_points_4d, random_unit
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.extent import scene_bounds
@@ -108,7 +109,7 @@ class _Cells:
         inside = [random_unit(lane, axis) for axis in range(self.axis_count)]
         ray, flux = self._at(lane // PILOT_RAYS_PER_CELL, inside)
         si = self.scene.ray_intersect(ray, as_mask(True))
-        power = mi.Float(dr.mean(flux))
+        power = channel_mean(flux)
         # A sick light is refused by name where its power is checked.
         lands = is_seen(si, mi.Vector3f(ray.d), self.level, opacity) & dr.isfinite(power)
         power = dr.zeros(mi.Float, dr.width(lane)) + mi.Float(dr.select(lands, power, 0.0))
