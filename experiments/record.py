@@ -127,7 +127,7 @@ def keep_record(
         width=width,
         height=height,
         reference=_reference_info(result),
-        metrics=[_metric_value(m) for m in result.measured],
+        metrics=[metric_value(m) for m in result.measured],
         times=result.times,
         cost=_frame_cost(result),
         images=_write_images(result, records / record_id),
@@ -229,7 +229,8 @@ def _frame_cost(result: RunResult) -> FrameCost | None:
     )
 
 
-def _metric_value(measurement: metrics.Measurement) -> MetricValue:
+def metric_value(measurement: metrics.Measurement) -> MetricValue:
+    """Return a measurement as records hold it."""
     low, high = measurement.low, measurement.high
     return MetricValue(
         name=measurement.name,

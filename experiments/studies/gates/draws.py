@@ -15,6 +15,7 @@ from experiments.gate.order import check_order
 from experiments.gate.specification import Budget, GateSpec, Order
 from experiments.gate.update import baseline_from_record
 from experiments.noise import noise_floors
+from experiments.record import metric_value
 from experiments.studies.gates.pool import PRESET, SCATTERINGS, SCENE, STAGE, Pool
 from metrics.energy import energy_ratio
 from metrics.measurement import Measurement
@@ -22,8 +23,6 @@ from metrics.squared_error import mse, relmse_e2
 from reports.junit import Verdict
 from reports.record import (
     Display,
-    Interval,
-    MetricValue,
     Record,
     ReferenceInfo,
     SceneInfo,
@@ -161,7 +160,7 @@ def record_of(
             noise_floors=noise_floors({"indirect": batches}, spp),
             truncated_share=0.0,
         ),
-        metrics=[_value(each(light, batches)) for each in (_energy, _mse, _relmse)],
+        metrics=[metric_value(each(light, batches)) for each in (_energy, _mse, _relmse)],
         times=[
             StageTime(
                 stage=STAGE,
@@ -237,19 +236,6 @@ def _mse(light: np.ndarray, batches: np.ndarray) -> Measurement:
 
 def _relmse(light: np.ndarray, batches: np.ndarray) -> Measurement:
     return relmse_e2(light, batches, component="indirect")
-
-
-def _value(found: Measurement) -> MetricValue:
-    assert found.low is not None
-    assert found.high is not None
-    return MetricValue(
-        name=found.name,
-        component=found.component,
-        value=found.value,
-        interval=Interval(low=found.low, high=found.high),
-        formula=found.formula,
-        ideal=found.ideal,
-    )
 
 
 def failed_kinds(verdicts: Sequence[Verdict]) -> set[str]:

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from experiments.gate.baseline import Baseline
 from experiments.gate.specification import GateSpec
 from experiments.gate.update import baseline_from_record
+from experiments.record import metric_value
 from metrics.energy import energy_ratio
-from metrics.measurement import Measurement
 from metrics.squared_error import relmse_e2
 from reports.record import (
     Display,
     ImageFile,
-    Interval,
     Machine,
     MetricValue,
     NoiseFloor,
@@ -73,8 +72,8 @@ class Bench:
         picture = self.render if render is None else render
         batches = self.batches(seed)
         measured = [
-            _value(energy_ratio(picture, batches, component="indirect")),
-            _value(relmse_e2(picture, batches, component="indirect")),
+            metric_value(energy_ratio(picture, batches, component="indirect")),
+            metric_value(relmse_e2(picture, batches, component="indirect")),
         ]
         self.draw_count += 1
         record_id = f"bench-{self.draw_count:05d}"
@@ -199,19 +198,6 @@ RELMSE_CAP: dict[str, object] = {
     "component": "indirect",
     "cap": 0.025,
 }
-
-
-def _value(measurement: Measurement) -> MetricValue:
-    assert measurement.low is not None
-    assert measurement.high is not None
-    return MetricValue(
-        name=measurement.name,
-        component=measurement.component,
-        value=measurement.value,
-        interval=Interval(low=measurement.low, high=measurement.high),
-        formula=measurement.formula,
-        ideal=measurement.ideal,
-    )
 
 
 @pytest.fixture
