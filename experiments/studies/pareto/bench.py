@@ -101,16 +101,13 @@ def bench_of(context: StudyContext, source: str) -> Bench:
         No reference is good enough, or a method compiles in every frame.
     """
 
-    def measure() -> Bench | RefusedError:
+    def measure() -> Bench:
         try:
             return _measure(context, source)
         except (reference.NoisyReferenceError, NeverWarmError) as error:
-            return RefusedError(str(error))
+            raise RefusedError(str(error)) from error
 
-    found = context.once(f"pareto of {source}", measure)
-    if isinstance(found, RefusedError):
-        raise found
-    return found
+    return context.once(f"pareto of {source}", measure)
 
 
 @dataclass
