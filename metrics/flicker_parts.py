@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrics.changes import LEAST_BATCHES, energies_of_pairs, light_of, root_of_energies
+from metrics.finite import require_finite
 from metrics.flicker import Motion, changes
 from metrics.measurement import Measurement
 
@@ -113,6 +114,8 @@ def _checked(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return renderings, and as many groups of the reference, each the mean of some batches."""
     frames, reference = (np.asarray(each, dtype=np.float64) for each in (renderings, batches))
+    require_finite(frames, "renderings")
+    require_finite(reference, "batches")
     if frames.ndim != 5 or len(frames) < LEAST_BATCHES:
         raise ValueError(
             f"renderings must be (S, K, H, W, 3) with S >= {LEAST_BATCHES}, got {frames.shape}: "

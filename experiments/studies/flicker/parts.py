@@ -27,6 +27,8 @@ STRUCTURE, NOISE = "structure, RMS", "noise, RMS"
 
 BEYOND_DENSE = "RMS change beyond dense pixels'"
 
+SEEDS = f"{RENDERINGS[0]} seeds, {RENDERINGS[1]} in the quick version"
+
 PARTS = {NOISE: flicker_noise, STRUCTURE: flicker_structure}
 
 UNLIMITED = f"{name_of(LIMITED)} without a limit on contrast"
@@ -41,7 +43,7 @@ def _parts() -> list[Check]:
     found = [
         Check(
             name=f"{name_of(sparsity)}, {part}",
-            configuration=f"{configuration(sparsity)}, {RENDERINGS} seeds",
+            configuration=f"{configuration(sparsity)}, {SEEDS}",
             scene=SCENE,
             measure=partial(_part, sparsity=sparsity, part=part),
             goal=0.0,
@@ -54,7 +56,7 @@ def _parts() -> list[Check]:
         *found,
         Check(
             name=f"noise of dense frames over that of {name_of(LIMITED)}",
-            configuration=f'preset "high" with N = 64, {RENDERINGS} seeds',
+            configuration=f'preset "high" with N = 64, {SEEDS}',
             scene=SCENE,
             measure=_noise_of_dense,
             limit_low=1.0,

@@ -36,8 +36,8 @@ whole study and in the quick one."""
 STEP_PX = (0.37, 0.23)
 """Slide along and across the picture from frame to frame, in pixels at the middle distance."""
 
-RENDERINGS = 4
-"""Seeds of the single frames."""
+RENDERINGS = (8, 4)
+"""Seeds of the single frames, in the whole study and in the quick one."""
 
 SEED_STEP = 1000
 """Between the seeds of renderings, whose frames take the next ones."""
@@ -127,7 +127,7 @@ def _render(context: StudyContext) -> Sequence:
                 )
         if not is_measured:
             continue
-        for key, found in _more_frames(prepared, volume, number).items():
+        for key, found in _more_frames(prepared, volume, number, RENDERINGS[quick]).items():
             more.setdefault(key, []).append(found)
         # All sparsities send the same camera rays.
         positions.append(np.array(frame.position, dtype=np.float64))
@@ -155,7 +155,7 @@ def _render(context: StudyContext) -> Sequence:
 
 
 def _more_frames(
-    prepared: PreparedScene, volume: VoxelVolume, number: int
+    prepared: PreparedScene, volume: VoxelVolume, number: int, seed_count: int
 ) -> dict[tuple[str, int, bool], list[np.ndarray]]:
     """Return single frames by rotation of the cones, sparsity and whether contrast has its limit.
 
@@ -171,7 +171,7 @@ def _more_frames(
         cones = replace(config.diffuse, rotation="fixed", is_jittered=False)
         still = replace(config, diffuse=cones)
         found["fixed", sparsity, has_limit] = [_diffuse(prepared, volume, still, number)]
-        seeds = range(1, RENDERINGS) if has_limit else range(1)
+        seeds = range(1, seed_count) if has_limit else range(1)
         found["pixel", sparsity, has_limit] = [
             _diffuse(prepared, volume, config, number + SEED_STEP * each) for each in seeds
         ]
