@@ -161,16 +161,16 @@ def checks() -> list[Check]:
                 is_headline=step == AS_IT_IS,
             )
         )
-    more: dict[str, Callable[..., Measured]] = {
-        "power in the voxels over that of its faces": _power_in_voxels,
-        "six slots in place of cosines, nothing in the way": _by_slots,
+    more: dict[str, Callable[[LitCube], float]] = {
+        "power in the voxels over that of its faces": power_share,
+        "six slots in place of cosines, nothing in the way": slot_share,
     }
     found += [
         Check(
             name=f"lit cube, {placed}, ledger: {what}",
             configuration="four levels of 32^3, scatter",
             scene=f"{SCENE}, edge {LEDGER_EDGE:g} voxels",
-            measure=partial(measure, is_turned=is_turned),
+            measure=partial(_share, measure=measure, is_turned=is_turned),
             goal=1.0,
         )
         for what, measure in more.items()
@@ -270,7 +270,7 @@ STEPS: dict[str, Light] = {
 
 def _cube_points(cube: LitCube) -> tuple[np.ndarray, np.ndarray, float]:
     """Return places and normals [point, 3] all over the cube, and the area of each."""
-    (shape,) = [each for each in cube.scene.shapes() if each.face_count() == 12]
+    (shape,) = [each for each in cube.scene.shapes() if each.is_mesh()]
     corners = np.array(mi.traverse(shape)["vertex_positions"], dtype=np.float64).reshape(-1, 3)
     faces = np.array(mi.traverse(shape)["faces"]).reshape(-1, 3)
     share = (np.arange(POINTS_PER_EDGE) + 0.5) / POINTS_PER_EDGE
@@ -323,33 +323,34 @@ def _over_truth(context: StudyContext, cubes: list[LitCube], light: Light) -> Me
     return mean_of(found)
 
 
-def _power_in_voxels(context: StudyContext, *, is_turned: bool) -> Measured:
+def power_share(cube: LitCube) -> float:
     """Emittance of all slots over flux / pi times |n_k|, summed: how often a face is in voxels."""
-    found = []
-    for cube in lit_cubes(context, LEDGER_EDGE, is_turned=is_turned):
-        lit = cube.voxels(SlotRule())
-        held = lit.inject(INJECTIONS["scatter"]).levels[LEVEL]
-        size = windows(LEVEL).levels[LEVEL].voxel_size
-        flux, _, normal = _lit_texels(lit)
-        faces = float((flux[:, None] * np.abs(normal)).sum()) / np.pi
-        found.append(float(np.array(held, dtype=np.float64)[1].sum()) * size**2 / faces)
-    return mean_of(found)
+    lit = cube.voxels(SlotRule())
+    held = lit.inject(INJECTIONS["scatter"]).levels[LEVEL]
+    size = windows(LEVEL).levels[LEVEL].voxel_size
+    flux, _, normal = _lit_texels(lit)
+    faces = float((flux[:, None] * np.abs(normal)).sum()) / np.pi
+    return float(_green(held).sum()) * size**2 / faces
 
 
-def _by_slots(context: StudyContext, *, is_turned: bool) -> Measured:
+def slot_share(cube: LitCube) -> float:
     """Light of lit texels by |n_k| |d_k| of the right signs over that by their cosine."""
-    found = []
-    for cube in lit_cubes(context, LEDGER_EDGE, is_turned=is_turned):
-        flux, place, normal = _lit_texels(cube.voxels(SlotRule()))
-        way = cube.points[:, None] - place
-        distance = np.linalg.norm(way, axis=-1, keepdims=True)
-        product = normal * way / distance
-        arriving = -(cube.normals[:, None] * way).sum(axis=-1)
-        weight = flux * np.maximum(arriving, 0.0) / distance[..., 0] ** 3
-        by_slots = np.maximum(product, 0.0).sum(axis=-1)
-        by_cosine = np.maximum(product.sum(axis=-1), 0.0)
-        found.append(float((weight * by_slots).sum() / (weight * by_cosine).sum()))
-    return mean_of(found)
+    flux, place, normal = _lit_texels(cube.voxels(SlotRule()))
+    way = cube.points[:, None] - place
+    distance = np.linalg.norm(way, axis=-1, keepdims=True)
+    product = normal * way / distance
+    arriving = -(cube.normals[:, None] * way).sum(axis=-1)
+    weight = flux * np.maximum(arriving, 0.0) / distance[..., 0] ** 3
+    by_slots = np.maximum(product, 0.0).sum(axis=-1)
+    by_cosine = np.maximum(product.sum(axis=-1), 0.0)
+    return float((weight * by_slots).sum() / (weight * by_cosine).sum())
+
+
+def _share(
+    context: StudyContext, measure: Callable[[LitCube], float], *, is_turned: bool
+) -> Measured:
+    cubes = lit_cubes(context, LEDGER_EDGE, is_turned=is_turned)
+    return mean_of([measure(cube) for cube in cubes])
 
 
 def _lit_texels(lit: LitPoints) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

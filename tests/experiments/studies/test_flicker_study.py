@@ -12,6 +12,7 @@ import vctgi
 from experiments.scenes.cornell_box import cornell_box
 from experiments.studies.catalogue import checks_of, find_study
 from experiments.studies.flicker.sequences import move_sensor, places_before
+from experiments.studies.flicker.surfaces import SEVERAL, surfaces_shown
 from metrics.flicker import changes, motion_of
 from vctgi.stages.reconstruction.temporal import project
 
@@ -52,3 +53,18 @@ def test_motion_vectors_lead_to_the_same_point() -> None:
     # A point does not move, whoever looks: its position is the light that must not flicker.
     moved = changes(np.stack(positions), motion)
     assert abs(moved.mean()) < RESAMPLED
+
+
+def test_a_lamp_is_none_of_the_ceiling_that_it_hangs_under() -> None:
+    description: dict[str, Any] = cornell_box()
+    description["sensor"]["film"].update(width=EDGE, height=EDGE)
+    scene: mi.Scene = mi.load_dict(description)
+    shown = surfaces_shown(scene, scene.sensors()[0])
+    counts = {int(each): int((shown == each).sum()) for each in np.unique(shown)}
+    # Five walls, two boxes and the lamp, and between them pixels that show two of these.
+    assert len(counts) >= 1 + 8
+    assert 0.05 < counts[SEVERAL] / EDGE**2 < 0.3
+    # The lamp lies in the ceiling's plane but for a hundredth of the room.
+    row, middle = EDGE // 2, EDGE // 2
+    upper = shown[:row, middle]
+    assert len(set(upper[upper != SEVERAL].tolist())) >= 3
