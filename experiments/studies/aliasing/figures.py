@@ -53,6 +53,12 @@ DEFINITIONS = (
         source="metrics/voxel_period.py, voxel_period_share",
     ),
     Definition(
+        name="lit cube, energy and ledger",
+        formula="mean light of all receivers over path-traced light; in the ledger, with some "
+        "causes replaced by what is exact",
+        source="experiments/studies/aliasing/turned_cube.py; intervals over places in the lattice",
+    ),
+    Definition(
         name="moved by whole voxels, largest difference (I5)",
         formula="largest |after - before| / mean before, of scene, viewer and windows together",
         source=f"{METRICS}, recentring_difference",

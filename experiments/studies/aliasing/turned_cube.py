@@ -270,7 +270,7 @@ STEPS: dict[str, Light] = {
 
 def _cube_points(cube: LitCube) -> tuple[np.ndarray, np.ndarray, float]:
     """Return places and normals [point, 3] all over the cube, and the area of each."""
-    (shape,) = [each for each in cube.scene.shapes() if each.is_mesh()]
+    (shape,) = [each for each in cube.scene.shapes() if each.id() == "cube"]
     corners = np.array(mi.traverse(shape)["vertex_positions"], dtype=np.float64).reshape(-1, 3)
     faces = np.array(mi.traverse(shape)["faces"]).reshape(-1, 3)
     share = (np.arange(POINTS_PER_EDGE) + 0.5) / POINTS_PER_EDGE
