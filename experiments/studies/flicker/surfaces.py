@@ -1,6 +1,8 @@
 """Which surface each pixel shows, for pixels that show no other.
 
 A plane does not tell: a lamp hangs a hundredth of the room below the ceiling, and both face down.
+Nor does the shape alone, as Mitsuba may make one of all that shares a material: `motion_of` asks
+for both.
 """
 
 from __future__ import annotations
