@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -124,12 +124,16 @@ class LitCube:
     normals: np.ndarray
     truth: np.ndarray
 
+    _found: dict[SlotRule, LitPoints] = field(default_factory=dict)
+
     def voxels(self, rule: SlotRule) -> LitPoints:
-        """Return its voxels, filled by a rule, and where light lands."""
-        found = light_points(self.scene, windows(LEVEL))
-        config = OpacityVoxelizationConfig(slots=rule)
-        opacity = voxelize_opacity(surfaces_in(self.scene), windows(LEVEL), config)
-        return replace(found, opacity=opacity)
+        """Return its voxels, filled by a rule, and where light lands; made once."""
+        if rule not in self._found:
+            found = light_points(self.scene, windows(LEVEL))
+            config = OpacityVoxelizationConfig(slots=rule)
+            opacity = voxelize_opacity(surfaces_in(self.scene), windows(LEVEL), config)
+            self._found[rule] = replace(found, opacity=opacity)
+        return self._found[rule]
 
 
 def checks() -> list[Check]:
