@@ -162,6 +162,7 @@ def checks() -> list[Check]:
                 goal=1.0,
                 limit_low=None if limit is None else 1.0 - limit,
                 limit_high=None if limit is None else 1.0 + limit,
+                in_quick=not step.endswith(THIN_RAYS),
                 is_headline=step == AS_IT_IS,
             )
         )
@@ -257,14 +258,14 @@ def truly_seen(cube: LitCube) -> np.ndarray:
     return _arriving(cube, place, normal, area * _green(radiance))
 
 
-AS_IT_IS = "as it is"
+AS_IT_IS, THIN_RAYS = "as it is", "thin rays"
 CLOSING = "no voxel behind, exact visibility and radiance"
 
 STEPS: dict[str, Light] = {
     AS_IT_IS: partial(cone_seen, rule=SlotRule()),
-    "thin rays": partial(ray_seen, rule=SlotRule()),
+    THIN_RAYS: partial(ray_seen, rule=SlotRule()),
     "no voxel behind": partial(cone_seen, rule=THIN),
-    "no voxel behind, thin rays": partial(ray_seen, rule=THIN),
+    f"no voxel behind, {THIN_RAYS}": partial(ray_seen, rule=THIN),
     "no voxel behind, exact visibility": partial(voxel_seen, rule=THIN),
     "exact visibility": partial(voxel_seen, rule=SlotRule()),
     CLOSING: truly_seen,
