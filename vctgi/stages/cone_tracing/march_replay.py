@@ -94,6 +94,9 @@ def march_forward(
     march: MarchInputs, lanes: Lanes, words: mi.Float | None, tangents: Lanes, words_tangent: Any
 ) -> tuple[mi.Color3f, mi.Float]:
     """Return the derivatives of radiance and transmittance along tangents of what they follow."""
+    # One kernel a march: derivatives of a picture go through dozens of them at once, and what
+    # leads to one is as long as the march itself.
+    dr.eval(tangents, words_tangent)
     none = dr.zeros(mi.Float, dr.width(lanes["t"]))
     active, least = march.active, march.config.min_transmittance
 
@@ -145,6 +148,7 @@ def march_forward(
         body=advance,
         label="march_cone_forward",
     )
+    dr.eval(d_radiance, d_through)
     return d_radiance, d_through
 
 
@@ -171,6 +175,7 @@ def march_backward(
     tuple
         Derivatives by the wanted numbers, a lane each, and by the words.
     """
+    dr.eval(adjoint)
     none = dr.zeros(mi.Float, dr.width(lanes["t"]))
     names = march.wanted
     active, least = march.active, march.config.min_transmittance
