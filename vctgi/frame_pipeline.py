@@ -14,8 +14,8 @@ import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.config import RenderConfig
-from vctgi.maths.evaluation import evaluated
 from vctgi.maths.directions import kronecker_points, random_bits, random_unit
+from vctgi.maths.evaluation import evaluated
 from vctgi.maths.stub_gaps import as_component
 from vctgi.parameters import ConeParameters
 from vctgi.prepared import PreparedScene, StageClock, no_clock

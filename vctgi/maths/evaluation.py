@@ -65,6 +65,8 @@ class _Boundary(dr.CustomOp):
 
 def _parts(value: Any) -> dict[Any, Any]:
     """Return what a value is made of, by name; nothing for a flat array and what is no array."""
+    if value is None:
+        return {}
     if dr.is_tensor_v(value):
         return {"array": value.array}
     if dr.is_array_v(value):
@@ -81,7 +83,7 @@ def _parts(value: Any) -> dict[Any, Any]:
 def _leaves(value: Any) -> Iterator[Any]:
     """Yield the flat arrays that have derivatives."""
     parts = _parts(value)
-    if not parts and dr.is_array_v(value) and dr.grad_enabled(value):
+    if not parts and value is not None and dr.is_array_v(value) and dr.grad_enabled(value):
         yield value
     for part in parts.values():
         yield from _leaves(part)

@@ -18,6 +18,10 @@ import numpy as np
 
 from experiments.scenes.loading import load_scene
 from experiments.studies.check import Check, Measured, StudyContext
+from experiments.studies.derivatives.room import SCENE_NAMES, derivative_room
+from experiments.studies.derivatives.slopes import TABLE, Place, first_seed_count, slopes
+from experiments.studies.figures import Table
+from reports.study_figures import Bounded
 from vctgi.config import RenderConfig, preset
 from vctgi.pipeline import light_volume, prepare_scene, render_frame
 
@@ -97,10 +101,31 @@ NUMBERS = {
 }
 """What is said of a pair, and what it would be without bias."""
 
+PRB_TABLE = Table(
+    group="Derivatives",
+    title="Against path replay",
+    caption="Derivatives of pictures of light of one bounce by the same parameters, by cones and "
+    "by Mitsuba's prb: what differs is the bias of cones.",
+    line_label="scene, parameter",
+    columns=tuple(NUMBERS),
+)
 
-def checks() -> list[Check]:
-    """Return the checks against path tracing."""
-    return [
+
+def checks(room_scene: str) -> list[Check]:
+    """Return the checks against path tracing, in scenes and in the room of the other rows."""
+    room = [
+        Check(
+            name=f"{name}, mean over prb's, less 1",
+            configuration="one bounce, forward mode, 16 cones, without near field; bias of cones, "
+            "no limit",
+            scene=room_scene,
+            measure=partial(_measure_room, name=name),
+            goal=0.0,
+            in_quick=False,
+        )
+        for name in SCENE_NAMES
+    ]
+    return room + [
         Check(
             name=f"{scene}, {parameter}: {number}",
             configuration="preset high, one bounce, forward mode; bias of cones, no limit",
@@ -113,6 +138,21 @@ def checks() -> list[Check]:
         for parameter in parameters
         for number in NUMBERS
     ]
+
+
+def _measure_room(context: StudyContext, name: str) -> Measured:
+    """Put the room's derivative by paths beside the others, and return how far cones are off it."""
+    context.progress(f"room, {name}, prb", 0.0)
+    room = derivative_room(context)
+    room.restore()
+    config = replace(room.config, samples_per_pixel=4)
+    pair = derivative_pair(room.scene, SCENE_NAMES[name], config, PATHS[0])
+    place = Place(name)
+    mean = float(np.mean(slopes(context, place, "mean", first_seed_count(context))))
+    bias = Bounded(value=pair.energy())
+    by_paths = Bounded(value=float(pair.paths.mean()) / mean)
+    context.shelf.add_cells(TABLE, place.line, {"prb": by_paths, "bias": bias})
+    return Measured(value=pair.energy())
 
 
 def _measure(context: StudyContext, scene: str, parameter: str, number: str) -> Measured:
@@ -133,7 +173,11 @@ def _measure(context: StudyContext, scene: str, parameter: str, number: str) -> 
         lambda: derivative_pair(loaded, PARAMETERS[scene][parameter], config, paths),
     )
     _show(context, f"{scene}, {parameter}", pair, loaded.sensors()[0].film().crop_size())
-    return Measured(value=NUMBERS[number][0](pair))
+    found = NUMBERS[number][0](pair)
+    if np.isfinite(found):
+        cells = {number: Bounded(value=found)}
+        context.shelf.add_cells(PRB_TABLE, f"{scene}, {parameter}", cells)
+    return Measured(value=found)
 
 
 def _show(context: StudyContext, group: str, pair: Pair, size: mi.ScalarVector2u) -> None:
