@@ -86,16 +86,19 @@ def checks(scene: str) -> list[Check]:
         ]
     found += [
         Check(
-            name=f"{name}, bias by jumps: differences of step {STEPS['coarse']:g} off the mean of "
-            "derivatives over it",
+            name=f"{place.name}, bias by jumps{_words(place)}: differences of step "
+            f"{STEPS['coarse']:g} off the mean of derivatives over it",
             configuration=f"reverse mode at {INNER} places of the step, {SEEDS[0]} seeds",
             scene=scene,
-            measure=partial(_jumps, name=name),
-            limit_high=LIMITS["coarse"],
+            measure=partial(_jumps, place=place),
+            limit_high=LIMITS["coarse"] if place.least is None else None,
             goal=0.0,
             in_quick=False,
         )
-        for name in CONE_NAMES
+        for place in (
+            *(Place(name) for name in CONE_NAMES),
+            *(Place(name, least=ENDS[1]) for name in ENDING),
+        )
     ]
     found += [
         Check(
@@ -110,6 +113,10 @@ def checks(scene: str) -> list[Check]:
         for least in ENDS
     ]
     return found
+
+
+def _words(place: Place) -> str:
+    return "" if place.least is None else f" where cones end at transmittance {place.least:g}"
 
 
 def _worst(context: StudyContext, name: str, mode: Way, step: Way) -> Measured:
@@ -143,20 +150,21 @@ def _off(context: StudyContext, place: Place, mode: Way, step: Way) -> Measured:
     return Measured(value=off.value, low=off.low, high=off.high, note=note)
 
 
-def _jumps(context: StudyContext, name: str) -> Measured:
+def _jumps(context: StudyContext, place: Place) -> Measured:
     """Return what a difference has beside the mean of the derivative over its step."""
-    place, count, step = Place(name), first_seed_count(context), STEPS["coarse"]
+    count, step = first_seed_count(context), STEPS["coarse"]
     room = derivative_room(context)
     shares = step * ((np.arange(INNER) + 0.5) * (2.0 / INNER) - 1.0)
     means = []
     for seed in range(count):
-        context.progress(f"{name}, jumps", seed / count)
+        context.progress(f"{place.name}, jumps", seed / count)
         picture, start = picture_at(room, place, seed)
         means.append(np.mean([by_reverse_mode(picture, start, float(each)) for each in shares]))
     whole, wanted = slopes(context, place, "mean", count), slopes(context, place, "coarse", count)
     off = disagreement(np.array(means), wanted, whole)
-    bias = Bounded(value=off.value, low=off.low, high=off.high)
-    context.shelf.add_cells(TABLE, place.line, {"bias": bias})
+    if place.least is None:
+        bias = Bounded(value=off.value, low=off.low, high=off.high)
+        context.shelf.add_cells(TABLE, place.line, {"bias": bias})
     return off
 
 

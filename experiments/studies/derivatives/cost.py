@@ -13,7 +13,7 @@ import drjit as dr
 import mitsuba as mi
 
 from experiments.studies.check import Check, Measured, StudyContext
-from experiments.studies.derivatives.measure import Picture
+from experiments.studies.derivatives.measure import MODES, Picture
 from experiments.studies.derivatives.room import SCENE_NAMES, DerivativeRoom, derivative_room
 from vctgi.config import RenderConfig
 
@@ -28,6 +28,10 @@ SHORTEST = (0.25, 0.05)
 
 MOST_SHARE = 4.0
 """A gradient is to take at most so many times what a picture takes."""
+
+LARGEST_KERNEL = 3.0
+"""What kernels of derivatives may hold, by what the picture's largest does: a march with its
+derivative is about twice as much as one without."""
 
 ALBEDO = "albedo of the walls"
 
@@ -58,6 +62,18 @@ def checks(scene: str) -> list[Check]:
                 in_quick=name != ALBEDO,
             ),
         ]
+    found += [
+        Check(
+            name=f"derivatives by the {ALBEDO}, {mode} mode, largest kernel over a picture's",
+            configuration="operations of Dr.Jit, which compile in a time that goes with them, or "
+            "worse",
+            scene=scene,
+            measure=partial(_kernel_share, mode=mode),
+            limit_high=LARGEST_KERNEL,
+            in_quick=False,
+        )
+        for mode in MODES
+    ]
     return [
         *found,
         Check(
@@ -132,6 +148,22 @@ def _memory_share(context: StudyContext, name: str) -> Measured:
     gradient, plain = (_peak(render, picture, start) for render in (_gradient, _plain))
     note = f"{gradient / 2**20:.4g} MiB over {plain / 2**20:.4g} MiB"
     return Measured(value=gradient / plain, note=note)
+
+
+def _kernel_share(context: StudyContext, mode: str) -> Measured:
+    picture, start = _pictured(context, ALBEDO)
+    plain = _largest_kernel(lambda: _plain(picture, start))
+    largest = _largest_kernel(lambda: MODES[mode](picture, start))
+    return Measured(value=largest / plain, note=f"{largest} over {plain}")
+
+
+def _largest_kernel(work: Callable[[], object]) -> int:
+    """Return the operations of the largest kernel that some work runs."""
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        work()
+        kernels = dr.kernel_history((dr.KernelType.JIT,))
+    return max(int(each["operation_count"]) for each in kernels)
 
 
 def _memory_of_steps(context: StudyContext) -> Measured:

@@ -102,7 +102,7 @@ NUMBERS = {
 """What is said of a pair, and what it would be without bias."""
 
 PRB_TABLE = Table(
-    group="Derivatives",
+    group="Derivatives of scenes",
     title="Against path replay",
     caption="Derivatives of pictures of light of one bounce by the same parameters, by cones and "
     "by Mitsuba's prb: what differs is the bias of cones.",

@@ -40,11 +40,12 @@ MOST_SEEDS = 128
 """Seeds at which a difference that its interval does not tell from its limit is left undecided."""
 
 TABLE = Table(
-    group="Derivatives",
+    group="Each way to a derivative",
     title="All ways, side by side",
     caption="Derivative of the mean picture by a parameter's share, over the mean picture: 0.1 is "
-    "0.1 % more light for 1 % more of the parameter. Bias: of cones' parameters, differences of "
-    "step 0.01 less the mean derivative over that step; of the scene's, cones over prb, less 1.",
+    "0.1 % more light for 1 % more of the parameter; each of several values is moved by 1 to 1.5 "
+    "times the share. Bias: of cones' parameters, differences of step 0.01 off the mean derivative "
+    "over that step; of the scene's, cones over prb, less 1.",
     line_label="parameter",
     columns=("forward mode", "reverse mode", "step 0.0001", "step 0.01", "prb", "bias"),
 )
