@@ -11,7 +11,8 @@ earlier steps, too; the tangent of its distance by each number that the steps fo
 along, and the derivative by the distance is multiplied by it.
 
 Not seen: what a cone would have met behind the place where it let less than `min_transmittance`
-through, so that the derivative is off by a share of that order. Steps that appear and disappear are
+through: derivatives are off by a few times that share of the light, and the light may change much
+less than that. Steps that appear and disappear are
 no jump: the last one ends with the cone.
 """
 
