@@ -18,6 +18,7 @@ import numpy as np
 
 from experiments.scenes.loading import load_scene
 from experiments.studies.check import Check, Measured, StudyContext
+from experiments.studies.derivatives.measure import forward_slope
 from experiments.studies.derivatives.room import SCENE_NAMES, derivative_room
 from experiments.studies.derivatives.slopes import TABLE, Place, first_seed_count, slopes
 from experiments.studies.figures import Table
@@ -53,12 +54,15 @@ PARAMETERS = {
 }
 """What is moved in each built-in scene, by what `mi.traverse` calls it."""
 
+ROOM_NAMES = ("albedo of the walls", "radiance of the lamp")
+"""What is moved in the room of the other rows; a roughness has no forward mode."""
+
 QUICK = ("cornell_box", "radiance of the lamp")
 
-EDGE = (32, 16)
+EDGE = (64, 16)
 """Pixels along an edge, in the whole study and in the quick one."""
 
-PATHS = (2048, 512)
+PATHS = (1024, 512)
 """Paths a pixel of each half of a reference."""
 
 VOXELS = (64, 32)
@@ -123,7 +127,7 @@ def checks(room_scene: str) -> list[Check]:
             goal=0.0,
             in_quick=False,
         )
-        for name in SCENE_NAMES
+        for name in ROOM_NAMES
     ]
     return room + [
         Check(
@@ -214,13 +218,15 @@ def derivative_pair(scene: mi.Scene, name: str, config: RenderConfig, path_count
     parameters.update()
     moved = Moved(scene, value, held)
     count = config.scattering_count
-    cones = [moved.by_cones(config, seed) for seed in (0, 1)]
-    paths = [
-        moved.by_paths(count + 1, path_count, seed) - moved.by_paths(2, path_count, seed)
-        for seed in (0, 1)
-    ]
-    parameters[name] = held
-    parameters.update()
+    try:
+        cones = [moved.by_cones(config, seed) for seed in (0, 1)]
+        paths = [
+            moved.by_paths(count + 1, path_count, seed) - moved.by_paths(2, path_count, seed)
+            for seed in (0, 1)
+        ]
+    finally:
+        parameters[name] = held
+        parameters.update()
     return Pair(np.stack(cones), np.stack(paths))
 
 
@@ -249,5 +255,4 @@ class Moved:
 
     def _slope(self, numbers: Any) -> np.ndarray:
         dr.set_grad(self.value, self.held)
-        slope = dr.forward_to(numbers, flags=dr.ADFlag.ClearEdges)
-        return np.array(slope, dtype=np.float64)
+        return forward_slope(numbers)
