@@ -28,6 +28,12 @@ def moved(start: Any, share: float) -> Any:
     return found
 
 
+def moved_way(start: Any) -> Any:
+    """Return the derivative of `moved` by the share."""
+    numbers = np.array(start, dtype=np.float64)
+    return type(start)(np.float32(numbers * way_of(numbers.size).reshape(numbers.shape)))
+
+
 def mean_picture(picture: Picture, values: Any) -> float:
     """Return the mean of a picture, summed in double precision."""
     return float(np.mean(np.array(picture(values), dtype=np.float64)))
@@ -53,9 +59,8 @@ def by_reverse_mode(picture: Picture, start: Any, share: float = 0.0) -> float:
 def by_forward_mode(picture: Picture, start: Any) -> float:
     """Return the derivative by the share, where it is 0, by walking forward."""
     values = moved(start, 0.0)
-    held = np.array(start, dtype=np.float64)
     dr.enable_grad(values)
-    dr.set_grad(values, type(start)(np.float32(held * way_of(held.size).reshape(held.shape))))
+    dr.set_grad(values, moved_way(start))
     return float(np.mean(forward_slope(picture(values))))
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from experiments.scenes.loading import load_scene
 from experiments.studies.check import Check, Measured, StudyContext
-from experiments.studies.derivatives.measure import forward_slope
+from experiments.studies.derivatives.measure import forward_slope, moved_way
 from experiments.studies.derivatives.room import SCENE_NAMES, derivative_room
 from experiments.studies.derivatives.slopes import TABLE, Place, first_seed_count, slopes
 from experiments.studies.figures import Table
@@ -150,7 +150,8 @@ def _measure_room(context: StudyContext, name: str) -> Measured:
     room = derivative_room(context)
     room.restore()
     config = replace(room.config, samples_per_pixel=4)
-    pair = derivative_pair(room.scene, SCENE_NAMES[name], config, PATHS[0])
+    tangent = moved_way(room.scene_parameters[SCENE_NAMES[name]])
+    pair = derivative_pair(room.scene, SCENE_NAMES[name], config, PATHS[0], tangent)
     place = Place(name)
     mean = float(np.mean(slopes(context, place, "mean", first_seed_count(context))))
     bias = Bounded(value=pair.energy())
@@ -195,7 +196,9 @@ def _show(context: StudyContext, group: str, pair: Pair, size: mi.ScalarVector2u
     context.shelf.add_picture(group, "Cones", cones, like=paths, caption=caption)
 
 
-def derivative_pair(scene: mi.Scene, name: str, config: RenderConfig, path_count: int) -> Pair:
+def derivative_pair(
+    scene: mi.Scene, name: str, config: RenderConfig, path_count: int, tangent: Any = None
+) -> Pair:
     """Return derivatives of indirect light by a parameter's share, both ways.
 
     Parameters
@@ -208,6 +211,8 @@ def derivative_pair(scene: mi.Scene, name: str, config: RenderConfig, path_count
         How cones render.
     path_count
         Paths a pixel of each of both references.
+    tangent
+        By how much the parameter's values grow with the share; None: by what they are.
     """
     parameters: Any = mi.traverse(scene)
     held = type(parameters[name])(parameters[name])
@@ -216,7 +221,7 @@ def derivative_pair(scene: mi.Scene, name: str, config: RenderConfig, path_count
     dr.enable_grad(value)
     parameters[name] = value
     parameters.update()
-    moved = Moved(scene, value, held)
+    moved = Moved(scene, value, held if tangent is None else tangent)
     count = config.scattering_count
     try:
         cones = [moved.by_cones(config, seed) for seed in (0, 1)]
@@ -236,7 +241,7 @@ class Moved:
 
     scene: mi.Scene
     value: Any
-    held: Any
+    tangent: Any
 
     def by_cones(self, config: RenderConfig, seed: int) -> np.ndarray:
         """Return the derivative of a picture of indirect light."""
@@ -254,5 +259,5 @@ class Moved:
         return self._slope(image.array)
 
     def _slope(self, numbers: Any) -> np.ndarray:
-        dr.set_grad(self.value, self.held)
+        dr.set_grad(self.value, self.tangent)
         return forward_slope(numbers)
