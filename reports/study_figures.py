@@ -1,4 +1,4 @@
-"""Figures of a study as data: maps, pictures, curves, waterfalls, points; drawn where shown."""
+"""Figures of a study as data: maps, pictures, curves, waterfalls, points, tables."""
 
 from __future__ import annotations
 
@@ -186,8 +186,36 @@ class ScatterFigure(_Figure):
         return list(dict.fromkeys(p.family for panel in self.panels for p in panel.points))
 
 
+class TableLine(_Part):
+    """One line of a table."""
+
+    name: str
+    cells: list[Bounded | None]
+    """One for each column; None where the column has nothing to say of this line."""
+
+
+class TableFigure(_Figure):
+    """Numbers that are read side by side."""
+
+    kind: Literal["table"] = "table"
+    line_label: str
+    """What the lines are names of."""
+    columns: list[str] = Field(min_length=1)
+    lines: list[TableLine] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _is_rectangular(self) -> TableFigure:
+        for line in self.lines:
+            if len(line.cells) != len(self.columns):
+                raise ValueError(
+                    f"table {self.title!r}: line {line.name!r} has {len(line.cells)} cells for "
+                    f"{len(self.columns)} columns"
+                )
+        return self
+
+
 Figure = Annotated[
-    MapFigure | PictureFigure | CurveFigure | WaterfallFigure | ScatterFigure,
+    MapFigure | PictureFigure | CurveFigure | WaterfallFigure | ScatterFigure | TableFigure,
     Field(discriminator="kind"),
 ]
 

@@ -1,4 +1,4 @@
-"""Records of studies -> Markdown for a pull request: what failed, and what is read first."""
+"""Records of studies -> Markdown for a pull request: what failed, what is read first, tables."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 from reports.headline import number
 from reports.markdown import MARKUP
+from reports.study_figures import Bounded, TableFigure
 from reports.study_record import StudyRecord, StudyRow, read_study
 
 MOST_ROWS = 40
@@ -16,7 +17,7 @@ SUMMARY_NAME = "summary.md"
 
 
 def study_summary(paths: Sequence[Path]) -> str:
-    """Return a table for each study: rows that failed, then its headlines.
+    """Return a table for each study, rows that failed, then its headlines; and its own tables.
 
     Raises
     ------
@@ -56,7 +57,24 @@ def _part(path: Path, record: StudyRecord) -> str:
         if len(listed) > MOST_ROWS:
             lines += ["", f"{len(listed) - MOST_ROWS} more are on the page."]
         lines.append("")
+    for figure in record.figures:
+        if isinstance(figure, TableFigure):
+            lines += _table(figure)
     return "\n".join(lines)
+
+
+def _table(figure: TableFigure) -> list[str]:
+    caption = f"**{_cell(figure.title)}** {_cell(figure.caption)}".rstrip()
+    found = [
+        caption,
+        "",
+        f"| {' | '.join(_cell(each) for each in (figure.line_label, *figure.columns))} |",
+        f"| --- |{' ---: |' * len(figure.columns)}",
+    ]
+    for line in figure.lines:
+        cells = [_cell(line.name), *(_bounded(cell) for cell in line.cells)]
+        found.append(f"| {' | '.join(cells)} |")
+    return [*found, ""]
 
 
 def _line(row: StudyRow) -> str:
@@ -74,9 +92,15 @@ def _verdict(row: StudyRow) -> str:
 def _value(row: StudyRow) -> str:
     if row.value is None:
         return "\N{EN DASH}"
-    if row.low is None or row.high is None:
-        return number(row.value)
-    return f"{number(row.value)} ({number(row.low)} to {number(row.high)})"
+    return _bounded(Bounded(value=row.value, low=row.low, high=row.high))
+
+
+def _bounded(found: Bounded | None) -> str:
+    if found is None:
+        return "\N{EN DASH}"
+    if found.low is None or found.high is None:
+        return number(found.value)
+    return f"{number(found.value)} ({number(found.low)} to {number(found.high)})"
 
 
 def _limit(row: StudyRow) -> str:

@@ -16,7 +16,14 @@ from reports.headline import number
 from reports.image_files import load_image_file
 from reports.pictures import colour_stops, sequential_uri, tone_mapped_uri
 from reports.scatter_plot import scatter_svg
-from reports.study_figures import Bounded, Figure, MapFigure, PictureFigure, ScatterFigure
+from reports.study_figures import (
+    Bounded,
+    Figure,
+    MapFigure,
+    PictureFigure,
+    ScatterFigure,
+    TableFigure,
+)
 from reports.study_plots import curve_svg, waterfall_svg
 from reports.study_record import StudyRecord, StudyRow, read_study
 
@@ -56,6 +63,7 @@ class Gallery:
     title: str
     pictures: list[Shown]
     charts: list[Shown]
+    tables: list[TableFigure]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,6 +243,7 @@ def _galleries(key: str, folder: Path, record: StudyRecord) -> list[Gallery]:
                 key=lambda each: each.figure.kind != "picture",
             ),
             charts=[each for each in found if each.chart is not None],
+            tables=[each.figure for each in found if isinstance(each.figure, TableFigure)],
         )
         for title, found in groups.items()
     ]
@@ -256,6 +265,8 @@ def _shown(key: str, folder: Path, figure: Figure, command: str) -> Shown:
             height=height,
             colours=", ".join(colour_stops(colours)),
         )
+    if isinstance(figure, TableFigure):
+        return Shown(figure=figure)
     if figure.kind == "curve":
         return Shown(figure=figure, chart=Markup(curve_svg(figure, key=key)))
     if isinstance(figure, ScatterFigure):

@@ -15,6 +15,7 @@ import mitsuba as mi
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.config import RenderConfig
 from vctgi.maths.directions import kronecker_points, random_bits, random_unit
+from vctgi.maths.evaluation import evaluated
 from vctgi.maths.stub_gaps import as_component
 from vctgi.parameters import ConeParameters
 from vctgi.prepared import PreparedScene, StageClock, no_clock
@@ -161,8 +162,7 @@ def visible_points(
         has_passing=prepared.plan.has_passing,
         lobe_kinds=prepared.lobe_kinds,
     )
-    dr.eval(gbuffer)
-    return gbuffer
+    return evaluated(gbuffer)
 
 
 def gather_light(
@@ -231,14 +231,13 @@ def _gather_light(
         with tracing.clock("specular cones"):
             sky = tracing.prepared.sky if plan.has_sky_in_cones else None
             counts = None if tally is None else tally.specular
-            specular = gather_specular(
-                plan, gbuffer, tracing.volume, config, sky, film, counts, tracing.parameters
+            specular = evaluated(
+                gather_specular(
+                    plan, gbuffer, tracing.volume, config, sky, film, counts, tracing.parameters
+                )
             )
-            dr.eval(specular)
     with tracing.clock("composite"):
-        light = composite(gbuffer, incident, specular)
-        dr.eval(light)
-    return light
+        return evaluated(composite(gbuffer, incident, specular))
 
 
 def _gatherer(tracing: _Tracing) -> Gather:
@@ -260,8 +259,7 @@ def _gatherer(tracing: _Tracing) -> Gather:
             incident = trace_diffuse(
                 gbuffer, volume, config.diffuse, prepared.scene, sky, counts, parameters
             )
-            dr.eval(incident)
-        return incident
+            return evaluated(incident)
 
     return ambient if config.mode == "ambient" else diffuse
 
@@ -331,7 +329,7 @@ def _accumulate(
         shares = [mi.Float(channel) / sample_count for channel in channels]
         held = sums.get(name)
         sums[name] = shares if held is None else [a + b for a, b in zip(held, shares, strict=True)]
-    dr.eval(sums)
+    sums.update(evaluated(sums))
 
 
 def _tensors(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +18,8 @@ from reports.study_figures import (
     MapFigure,
     PictureFigure,
     Series,
+    TableFigure,
+    TableLine,
     figure_key,
 )
 from reports.study_record import StudyRow
@@ -46,6 +48,17 @@ class Point:
     curve: Curve
     series: str
     x: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table whose lines are filled as measurements go on."""
+
+    group: str
+    title: str
+    caption: str
+    line_label: str
+    columns: tuple[str, ...]
 
 
 class FigureShelf:
@@ -144,6 +157,35 @@ class FigureShelf:
                 file=self._write(group, title, linear),
                 exposure=auto_exposure(linear if like is None else like),
             )
+        )
+
+    def add_cells(self, table: Table, line: str, cells: Mapping[str, Bounded]) -> None:
+        """Put numbers into a line of a table; a number in the same place is replaced.
+
+        Parameters
+        ----------
+        table
+            Which.
+        line
+            Name of the line, which comes below those that are there.
+        cells
+            Numbers by the names of their columns.
+        """
+        key = figure_key(table.group, table.title)
+        held = self._figures.get(key)
+        lines = {each.name: each for each in held.lines} if isinstance(held, TableFigure) else {}
+        known = lines[line].cells if line in lines else [None] * len(table.columns)
+        lines[line] = TableLine(
+            name=line,
+            cells=[cells.get(name, cell) for name, cell in zip(table.columns, known, strict=True)],
+        )
+        self._figures[key] = TableFigure(
+            group=table.group,
+            title=table.title,
+            caption=table.caption,
+            line_label=table.line_label,
+            columns=list(table.columns),
+            lines=list(lines.values()),
         )
 
     def _is_known(self, group: str, title: str) -> bool:

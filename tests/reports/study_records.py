@@ -18,6 +18,8 @@ from reports.study_figures import (
     MapFigure,
     PictureFigure,
     Series,
+    TableFigure,
+    TableLine,
     WaterfallFigure,
     WaterfallPanel,
     WaterfallStage,
@@ -66,6 +68,21 @@ def waterfall() -> WaterfallFigure:
     return WaterfallFigure(group=GROUP, title="Waterfall", caption="falls", panels=panels)
 
 
+def table() -> TableFigure:
+    lines = [
+        TableLine(name="cones <i>&", cells=[Bounded(value=0.5, low=0.25, high=0.75), None]),
+        TableLine(name="paths", cells=[None, Bounded(value=-0.125)]),
+    ]
+    return TableFigure(
+        group=GROUP,
+        title="Side by side",
+        caption="read",
+        line_label="by",
+        columns=["slope", "x|y"],
+        lines=lines,
+    )
+
+
 def pictures(folder: Path) -> list[Figure]:
     """Write a map, a signed map and a picture into a folder beside the record."""
     ramp = np.linspace(-1.0, 1.0, 12 * 8).reshape(8, 12)
@@ -108,7 +125,7 @@ def record(**changes: Any) -> StudyRecord:
 
 def written(folder: Path, stem: str = "leaking", **changes: Any) -> Path:
     """Write a record with all kinds of figures; return its path."""
-    figures = [*pictures(folder / stem), curve(is_x_log=True, is_y_log=True), waterfall()]
+    figures = [*pictures(folder / stem), curve(is_x_log=True, is_y_log=True), waterfall(), table()]
     path = folder / f"{stem}.json"
     path.write_text(record_text(record(**{"figures": figures} | changes)), encoding="utf-8")
     return path

@@ -160,7 +160,7 @@ def test_the_summary_names_failures_first_and_stays_short(tmp_path: Path) -> Non
         synthetic.row(AWKWARD, 2.0, 1.0),
         synthetic.row("hidden", None, refused="too | noisy"),
     ]
-    path = synthetic.written(tmp_path, rows=rows, headlines=names)
+    path = synthetic.written(tmp_path, rows=rows, headlines=names, figures=[])
     text = study_summary([path])
     lines = [line for line in text.splitlines() if line.startswith("| ")]
     assert len(lines) == 2 + MOST_ROWS

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from reports.study_markdown import study_summary
 from reports.study_page import study_files, study_page, write_study_page
 from reports.study_record import read_study
 from tests.reports import study_records as synthetic
@@ -53,6 +54,17 @@ def test_nothing_is_loaded_and_names_are_escaped(tmp_path: Path) -> None:
     assert text.count("</script>") == 1
     assert not re.search(r'(?:src|href)="(?!data:|#)', text)
     assert 'x="http' not in text
+
+
+def test_tables_stand_on_the_page_and_in_the_summary(tmp_path: Path) -> None:
+    path = synthetic.written(tmp_path)
+    text = study_page([path])
+    assert "Side by side" in text
+    assert "cones &lt;i&gt;&amp;" in text
+    assert "[0.2500 to 0.7500]" in text
+    lines = study_summary([path]).splitlines()
+    assert "| by | slope | x\\|y |" in lines
+    assert "| cones \\<i\\>\\& | 0.5000 (0.2500 to 0.7500) | \N{EN DASH} |" in lines
 
 
 def test_what_failed_comes_first(tmp_path: Path) -> None:
@@ -116,6 +128,10 @@ def test_an_altered_or_missing_picture_is_refused(tmp_path: Path) -> None:
     ("changes", "words"),
     [
         ({"figures": [synthetic.curve(), synthetic.curve()]}, "figures of one name: rooms-curve"),
+        (
+            {"figures": [synthetic.table().model_dump() | {"columns": ["slope"]}]},
+            r"line 'cones <i>&' has 2 cells for 1 columns",
+        ),
         ({"figures": [{"kind": "cake", "group": "g", "title": "t"}]}, "does not match any"),
     ],
 )

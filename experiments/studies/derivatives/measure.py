@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from experiments.studies.check import Measured, RefusedError, mean_of
 from experiments.studies.derivatives.room import way_of
 
 Picture = Callable[[Any], "mi.Float"]
@@ -27,6 +28,12 @@ def moved(start: Any, share: float) -> Any:
     return found
 
 
+def moved_way(start: Any) -> Any:
+    """Return the derivative of `moved` by the share."""
+    numbers = np.array(start, dtype=np.float64)
+    return type(start)(np.float32(numbers * way_of(numbers.size).reshape(numbers.shape)))
+
+
 def mean_picture(picture: Picture, values: Any) -> float:
     """Return the mean of a picture, summed in double precision."""
     return float(np.mean(np.array(picture(values), dtype=np.float64)))
@@ -38,9 +45,9 @@ def by_differences(picture: Picture, start: Any, step: float) -> float:
     return (upper - lower) / (2.0 * step)
 
 
-def by_reverse_mode(picture: Picture, start: Any) -> float:
-    """Return the same derivative by walking backward from the picture."""
-    values = moved(start, 0.0)
+def by_reverse_mode(picture: Picture, start: Any, share: float = 0.0) -> float:
+    """Return the derivative by the share, where it is `share`, by walking backward."""
+    values = moved(start, share)
     dr.enable_grad(values)
     numbers = picture(values)
     dr.backward(numbers * (1.0 / dr.width(numbers)))
@@ -50,14 +57,36 @@ def by_reverse_mode(picture: Picture, start: Any) -> float:
 
 
 def by_forward_mode(picture: Picture, start: Any) -> float:
-    """Return the same derivative by walking forward from the parameter."""
+    """Return the derivative by the share, where it is 0, by walking forward."""
     values = moved(start, 0.0)
-    held = np.array(start, dtype=np.float64)
     dr.enable_grad(values)
-    dr.set_grad(values, type(start)(np.float32(held * way_of(held.size).reshape(held.shape))))
-    numbers = picture(values)
-    slope = dr.forward_to(numbers, flags=dr.ADFlag.ClearEdges)
-    return float(np.mean(np.array(slope, dtype=np.float64)))
+    dr.set_grad(values, moved_way(start))
+    return float(np.mean(forward_slope(picture(values))))
+
+
+def forward_slope(numbers: Any) -> np.ndarray:
+    """Return derivatives of numbers along the tangents that were set.
+
+    Raises
+    ------
+    RefusedError
+        Dr.Jit refuses: its forward mode fails where two calls of BSDFs in one loop read the same
+        value, as those that measure a lobe read a roughness (Dr.Jit 1.5.0).
+    """
+    try:
+        slope = dr.forward_to(numbers, flags=dr.ADFlag.ClearEdges)
+    except RuntimeError as error:
+        if OUTSIDE not in str(error):
+            raise
+        raise RefusedError(
+            "Dr.Jit has no forward mode by a value that two calls of BSDFs read in one loop; "
+            "reverse mode has"
+        ) from error
+    return np.array(slope, dtype=np.float64)
+
+
+OUTSIDE = "dr.isolate_grad() scope"
+"""What Dr.Jit says where its forward mode fails so."""
 
 
 MODES: dict[str, Callable[[Picture, Any], float]] = {
@@ -67,6 +96,18 @@ MODES: dict[str, Callable[[Picture, Any], float]] = {
 """Both modes by name."""
 
 
-def disagreement(found: float, wanted: float, mean: float) -> float:
-    """Return how far a derivative is off, relative to it or to the least that counts."""
-    return abs(found - wanted) / max(abs(wanted), LEAST_SHARE * mean)
+def disagreement(found: np.ndarray, wanted: np.ndarray, mean: np.ndarray) -> Measured:
+    """Return how far a derivative is off, relative to it or to the least that counts.
+
+    Parameters
+    ----------
+    found, wanted, mean
+        Two derivatives and the mean of the picture, one each for every seed of the phases.
+    """
+    scale = max(abs(float(np.mean(wanted))), LEAST_SHARE * float(np.mean(mean)))
+    signed = mean_of([float(each) for each in (found - wanted) / scale])
+    value = abs(signed.value)
+    if signed.low is None or signed.high is None:
+        return Measured(value=value)
+    half = 0.5 * (signed.high - signed.low)
+    return Measured(value=value, low=max(0.0, value - half), high=value + half)

@@ -18,6 +18,11 @@ import numpy as np
 
 from experiments.scenes.loading import load_scene
 from experiments.studies.check import Check, Measured, StudyContext
+from experiments.studies.derivatives.measure import forward_slope, moved_way
+from experiments.studies.derivatives.room import SCENE_NAMES, derivative_room
+from experiments.studies.derivatives.slopes import TABLE, Place, first_seed_count, slopes
+from experiments.studies.figures import Table
+from reports.study_figures import Bounded
 from vctgi.config import RenderConfig, preset
 from vctgi.pipeline import light_volume, prepare_scene, render_frame
 
@@ -49,12 +54,15 @@ PARAMETERS = {
 }
 """What is moved in each built-in scene, by what `mi.traverse` calls it."""
 
+ROOM_NAMES = ("albedo of the walls", "radiance of the lamp")
+"""What is moved in the room of the other rows; a roughness has no forward mode."""
+
 QUICK = ("cornell_box", "radiance of the lamp")
 
-EDGE = (32, 16)
+EDGE = (64, 16)
 """Pixels along an edge, in the whole study and in the quick one."""
 
-PATHS = (2048, 512)
+PATHS = (1024, 512)
 """Paths a pixel of each half of a reference."""
 
 VOXELS = (64, 32)
@@ -97,10 +105,31 @@ NUMBERS = {
 }
 """What is said of a pair, and what it would be without bias."""
 
+PRB_TABLE = Table(
+    group="Derivatives of scenes",
+    title="Against path replay",
+    caption="Derivatives of pictures of light of one bounce by the same parameters, by cones and "
+    "by Mitsuba's prb: what differs is the bias of cones.",
+    line_label="scene, parameter",
+    columns=tuple(NUMBERS),
+)
 
-def checks() -> list[Check]:
-    """Return the checks against path tracing."""
-    return [
+
+def checks(room_scene: str) -> list[Check]:
+    """Return the checks against path tracing, in scenes and in the room of the other rows."""
+    room = [
+        Check(
+            name=f"{name}, mean over prb's, less 1",
+            configuration="one bounce, forward mode, 16 cones, without near field; bias of cones, "
+            "no limit",
+            scene=room_scene,
+            measure=partial(_measure_room, name=name),
+            goal=0.0,
+            in_quick=False,
+        )
+        for name in ROOM_NAMES
+    ]
+    return room + [
         Check(
             name=f"{scene}, {parameter}: {number}",
             configuration="preset high, one bounce, forward mode; bias of cones, no limit",
@@ -113,6 +142,22 @@ def checks() -> list[Check]:
         for parameter in parameters
         for number in NUMBERS
     ]
+
+
+def _measure_room(context: StudyContext, name: str) -> Measured:
+    """Put the room's derivative by paths beside the others, and return how far cones are off it."""
+    context.progress(f"room, {name}, prb", 0.0)
+    room = derivative_room(context)
+    room.restore()
+    config = replace(room.config, samples_per_pixel=4)
+    tangent = moved_way(room.scene_parameters[SCENE_NAMES[name]])
+    pair = derivative_pair(room.scene, SCENE_NAMES[name], config, PATHS[0], tangent)
+    place = Place(name)
+    mean = float(np.mean(slopes(context, place, "mean", first_seed_count(context))))
+    bias = Bounded(value=pair.energy())
+    by_paths = Bounded(value=float(pair.paths.mean()) / mean)
+    context.shelf.add_cells(TABLE, place.line, {"prb": by_paths, "bias": bias})
+    return Measured(value=pair.energy())
 
 
 def _measure(context: StudyContext, scene: str, parameter: str, number: str) -> Measured:
@@ -133,7 +178,11 @@ def _measure(context: StudyContext, scene: str, parameter: str, number: str) -> 
         lambda: derivative_pair(loaded, PARAMETERS[scene][parameter], config, paths),
     )
     _show(context, f"{scene}, {parameter}", pair, loaded.sensors()[0].film().crop_size())
-    return Measured(value=NUMBERS[number][0](pair))
+    found = NUMBERS[number][0](pair)
+    if np.isfinite(found):
+        cells = {number: Bounded(value=found)}
+        context.shelf.add_cells(PRB_TABLE, f"{scene}, {parameter}", cells)
+    return Measured(value=found)
 
 
 def _show(context: StudyContext, group: str, pair: Pair, size: mi.ScalarVector2u) -> None:
@@ -147,7 +196,9 @@ def _show(context: StudyContext, group: str, pair: Pair, size: mi.ScalarVector2u
     context.shelf.add_picture(group, "Cones", cones, like=paths, caption=caption)
 
 
-def derivative_pair(scene: mi.Scene, name: str, config: RenderConfig, path_count: int) -> Pair:
+def derivative_pair(
+    scene: mi.Scene, name: str, config: RenderConfig, path_count: int, tangent: Any = None
+) -> Pair:
     """Return derivatives of indirect light by a parameter's share, both ways.
 
     Parameters
@@ -160,6 +211,8 @@ def derivative_pair(scene: mi.Scene, name: str, config: RenderConfig, path_count
         How cones render.
     path_count
         Paths a pixel of each of both references.
+    tangent
+        By how much the parameter's values grow with the share; None: by what they are.
     """
     parameters: Any = mi.traverse(scene)
     held = type(parameters[name])(parameters[name])
@@ -168,15 +221,17 @@ def derivative_pair(scene: mi.Scene, name: str, config: RenderConfig, path_count
     dr.enable_grad(value)
     parameters[name] = value
     parameters.update()
-    moved = Moved(scene, value, held)
+    moved = Moved(scene, value, held if tangent is None else tangent)
     count = config.scattering_count
-    cones = [moved.by_cones(config, seed) for seed in (0, 1)]
-    paths = [
-        moved.by_paths(count + 1, path_count, seed) - moved.by_paths(2, path_count, seed)
-        for seed in (0, 1)
-    ]
-    parameters[name] = held
-    parameters.update()
+    try:
+        cones = [moved.by_cones(config, seed) for seed in (0, 1)]
+        paths = [
+            moved.by_paths(count + 1, path_count, seed) - moved.by_paths(2, path_count, seed)
+            for seed in (0, 1)
+        ]
+    finally:
+        parameters[name] = held
+        parameters.update()
     return Pair(np.stack(cones), np.stack(paths))
 
 
@@ -186,7 +241,7 @@ class Moved:
 
     scene: mi.Scene
     value: Any
-    held: Any
+    tangent: Any
 
     def by_cones(self, config: RenderConfig, seed: int) -> np.ndarray:
         """Return the derivative of a picture of indirect light."""
@@ -204,6 +259,5 @@ class Moved:
         return self._slope(image.array)
 
     def _slope(self, numbers: Any) -> np.ndarray:
-        dr.set_grad(self.value, self.held)
-        slope = dr.forward_to(numbers, flags=dr.ADFlag.ClearEdges)
-        return np.array(slope, dtype=np.float64)
+        dr.set_grad(self.value, self.tangent)
+        return forward_slope(numbers)

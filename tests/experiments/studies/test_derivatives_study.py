@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 
 from experiments.studies.catalogue import checks_of, find_study
+from experiments.studies.check import RefusedError, StudyContext
+from experiments.studies.derivatives import agreement
 from experiments.studies.derivatives.measure import (
     by_differences,
     by_forward_mode,
     by_reverse_mode,
     disagreement,
+    forward_slope,
     moved,
 )
+from experiments.studies.derivatives.slopes import MOST_SEEDS, Place
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -43,6 +47,61 @@ def test_all_three_ways_are_the_derivative_by_the_share(start: list[float]) -> N
     assert by_differences(picture, values, step) == pytest.approx(wanted, rel=1e-3)
 
 
+def test_the_derivative_at_a_share_is_by_the_same_share() -> None:
+    """Of the mean of (sum of x)^2 again, a third of the way on."""
+    values = mi.Float([0.5, 1.0, 4.0])
+    found = by_reverse_mode(lambda x: mi.Float(dr.square(dr.sum(x))), values, 1.0 / 3.0)
+    held = np.array(values, dtype=np.float64)
+    slope = float(np.sum(np.array(moved(values, 1.0)) - held))
+    assert found == pytest.approx(2.0 * (held.sum() + slope / 3.0) * slope, rel=1e-6)
+
+
+def test_a_forward_mode_that_dr_jit_refuses_is_a_refused_row(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    words = "edge a1 -> a2, which lies outside of the current dr.isolate_grad() scope."
+
+    def refuse(*_arguments: object, **_options: object) -> None:
+        raise RuntimeError(words)
+
+    monkeypatch.setattr(dr, "forward_to", refuse)
+    with pytest.raises(RefusedError, match="reverse mode has"):
+        forward_slope(mi.Float(1.0))
+    words = "out of memory"
+    with pytest.raises(RuntimeError, match=words):
+        forward_slope(mi.Float(1.0))
+
+
 def test_a_derivative_that_hardly_counts_is_compared_to_the_mean() -> None:
-    assert disagreement(1.1, 1.0, 1.0) == pytest.approx(0.1)
-    assert disagreement(0.001, 0.0, 1.0) == pytest.approx(0.05)
+    one = np.ones(1)
+    assert disagreement(1.1 * one, one, one).value == pytest.approx(0.1)
+    assert disagreement(0.001 * one, 0.0 * one, one).value == pytest.approx(0.05)
+
+
+def test_seeds_that_differ_give_a_disagreement_its_interval() -> None:
+    found = disagreement(np.array([1.0, 1.4]), np.ones(2), np.ones(2))
+    assert found.value == pytest.approx(0.2)
+    # Student's t with one degree of freedom, times the standard error of two values.
+    assert found.high == pytest.approx(0.2 + 12.7062 * 0.2, rel=1e-4)
+    assert found.low == 0.0
+
+
+@pytest.mark.parametrize(("spread", "count"), [(0.0, 4), (0.07, 16), (0.5, MOST_SEEDS)])
+def test_seeds_are_added_until_the_interval_leaves_the_limit(
+    monkeypatch: pytest.MonkeyPatch, spread: float, count: int
+) -> None:
+    """Off by 0.1 at most 0.15, give or take a spread of the seeds."""
+    asked: list[int] = []
+
+    def slopes(_context: object, _place: object, way: str, number: int) -> np.ndarray:
+        asked.append(number)
+        sign = np.where(np.arange(number) % 2 == 0, 1.0, -1.0)
+        return 1.1 + spread * sign if way == "reverse" else np.ones(number)
+
+    monkeypatch.setattr(agreement, "slopes", slopes)
+    monkeypatch.setattr(agreement, "tabulate", lambda *_: None)
+    context = StudyContext(quick=False, progress=lambda _step, _share: None)
+    found = agreement._off(context, Place("step_ratio"), "reverse", "coarse")
+    assert max(asked) == count
+    assert found.value == pytest.approx(0.1)
+    assert found.note == f"times 1, {count} seeds"

@@ -10,9 +10,10 @@ import pytest
 from experiments.cli import main
 from experiments.errors import EXIT_FAILED
 from experiments.studies.catalogue import STUDIES, StudyEntry
-from experiments.studies.figures import Curve, FigureShelf, Point, curves_of
+from experiments.studies.figures import Curve, FigureShelf, Point, Table, curves_of
 from experiments.studies.record_folder import RecordFolder
 from reports.image_files import load_image_file
+from reports.study_figures import Bounded
 from reports.study_record import StudyRow, read_study
 from tests.experiments.studies import small_study
 
@@ -72,6 +73,21 @@ def test_without_a_folder_pictures_are_left_out() -> None:
     shelf.add_map("g", "map", np.ones((2, 2)))
     shelf.add_picture("g", "picture", np.ones((2, 2, 3)))
     assert shelf.figures == []
+
+
+def test_cells_fill_the_lines_of_a_table() -> None:
+    shelf = FigureShelf()
+    table = Table(group="g", title="t", caption="c", line_label="name", columns=("a", "b"))
+    shelf.add_cells(table, "first", {"b": Bounded(value=1.0)})
+    shelf.add_cells(table, "second", {"a": Bounded(value=2.0)})
+    # An earlier run's table, taken up again.
+    again = FigureShelf()
+    again.add_all(shelf.figures)
+    again.add_cells(table, "first", {"a": Bounded(value=3.0), "b": Bounded(value=4.0)})
+    (figure,) = again.figures
+    assert figure.kind == "table"
+    found = {line.name: [cell and cell.value for cell in line.cells] for line in figure.lines}
+    assert found == {"first": [3.0, 4.0], "second": [2.0, None]}
 
 
 def test_rows_make_up_curves_in_the_order_of_their_places() -> None:

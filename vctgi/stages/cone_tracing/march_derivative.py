@@ -131,6 +131,8 @@ class _MarchOperation(dr.CustomOp):
         self.set_grad_in("lanes", {name: found.get(name, zero) for name in self.lanes})
         if words is not None:
             self.set_grad_in("words", words)
+            # The sum over marches, or all of its parts would be kept until the last.
+            dr.eval(self.grad_in("words"))
 
     def name(self) -> str:
         return "march_cone"

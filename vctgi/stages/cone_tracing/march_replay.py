@@ -11,7 +11,8 @@ earlier steps, too; the tangent of its distance by each number that the steps fo
 along, and the derivative by the distance is multiplied by it.
 
 Not seen: what a cone would have met behind the place where it let less than `min_transmittance`
-through, so that the derivative is off by a share of that order. Steps that appear and disappear are
+through: derivatives are off by a few times that share of the light, and the light may change much
+less than that. Steps that appear and disappear are
 no jump: the last one ends with the cone.
 """
 
@@ -94,6 +95,9 @@ def march_forward(
     march: MarchInputs, lanes: Lanes, words: mi.Float | None, tangents: Lanes, words_tangent: Any
 ) -> tuple[mi.Color3f, mi.Float]:
     """Return the derivatives of radiance and transmittance along tangents of what they follow."""
+    # One kernel a march: derivatives of a picture go through dozens of them at once, and what
+    # leads to one is as long as the march itself.
+    dr.eval(tangents, words_tangent)
     none = dr.zeros(mi.Float, dr.width(lanes["t"]))
     active, least = march.active, march.config.min_transmittance
 
@@ -145,6 +149,7 @@ def march_forward(
         body=advance,
         label="march_cone_forward",
     )
+    dr.eval(d_radiance, d_through)
     return d_radiance, d_through
 
 
@@ -171,6 +176,7 @@ def march_backward(
     tuple
         Derivatives by the wanted numbers, a lane each, and by the words.
     """
+    dr.eval(adjoint)
     none = dr.zeros(mi.Float, dr.width(lanes["t"]))
     names = march.wanted
     active, least = march.active, march.config.min_transmittance

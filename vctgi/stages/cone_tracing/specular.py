@@ -21,6 +21,7 @@ import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.directions import random_unit
+from vctgi.maths.evaluation import with_boundary
 from vctgi.maths.stub_gaps import as_component
 from vctgi.scene.records import FilmSample, GBuffer
 from vctgi.scene.sky import PrefilteredSky
@@ -226,7 +227,8 @@ def _trace_lobe(
     for number in range(count):
         # Opaque, so that all cones share one kernel.
         place = dr.opaque(mi.UInt32, number)
-        cone = _part_of_lobe(lobe, place, count, noise, config.rough_aperture)
+        part = with_boundary(lobe)
+        cone = _part_of_lobe(part, place, count, noise, config.rough_aperture)
         is_above = dr.dot(cone.axis, gbuffer.normal) > 0.0
         is_traced = dr.select(place == 0, active, is_rough & is_above)
         share = _first_step_share(noise + SAMPLE_TURN * mi.Float(place))
