@@ -119,10 +119,7 @@ def keep_record(
         method=METHOD,
         preset=options.preset,
         config=dataclasses.asdict(result.config),
-        plan=[
-            PlanEntry(item=e.item, kept=e.kept, reason=e.reason, saved=e.saved)
-            for e in result.prepared.plan.entries
-        ],
+        plan=[PlanEntry(**dataclasses.asdict(e)) for e in result.prepared.plan.entries],
         seed=options.seed,
         width=width,
         height=height,

@@ -23,7 +23,8 @@ class PlanEntry:
         How far that moves the picture: "bit for bit", or a proved bound; empty where the
         configuration asks for another picture.
     override
-        What keeps it: a name for `RenderConfig.keep`, or a field of the configuration.
+        What keeps it: a name for `RenderConfig.keep`, as the command line has it, or a field of the
+        configuration.
     """
 
     item: str
@@ -44,7 +45,7 @@ def left_out_entry(
         reason=reason,
         saved=saved,
         bound=ELIMINATIONS[name].bound if bound is None else bound,
-        override=f"keep {name}",
+        override=f"--keep {name}",
     )
 
 
@@ -190,7 +191,7 @@ def bounce_entry(config: RenderConfig) -> PlanEntry:
         reason=f"scattering_count = {config.scattering_count}: up to {config.bounce_count}, "
         f"stopping once one adds less than {share:g} of the flux before it",
         bound=ELIMINATIONS["bounces"].bound,
-        override="keep bounces",
+        override="--keep bounces",
     )
 
 
