@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import mitsuba as mi
 
@@ -25,6 +24,11 @@ ROUNDING = 2.0**-20
 
 MORE_BOUNCES = 12
 """Scatterings of the room whose light bounces for long."""
+
+
+def still_frames(scene: mi.Scene, config: RenderConfig) -> Render:
+    """Return what makes frames of a scene that was read once."""
+    return single_frames(scene, config, with_reading=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,12 +60,16 @@ class Case:
     about: str
     change: Callable[[RenderConfig], RenderConfig] = lambda config: config
     bound: Callable[[Rendered, Rendered], float] | None = None
-    frames: Callable[[mi.Scene, RenderConfig], Render] = partial(single_frames, with_reading=False)
+    frames: Callable[[mi.Scene, RenderConfig], Render] = still_frames
 
     @property
     def bound_text(self) -> str:
         """The bound in words."""
         return EXACT if self.bound is None else "within the bound"
+
+
+def _reading_frames(scene: mi.Scene, config: RenderConfig) -> Render:
+    return single_frames(scene, config, with_reading=True)
 
 
 def _all_sky(config: RenderConfig) -> RenderConfig:
@@ -129,7 +137,7 @@ CASES = [
         scene=scenes.court_at_night,
         about="the court under a sky of radiance 0; its cones look for it",
         change=_all_sky,
-        frames=partial(single_frames, with_reading=True),
+        frames=_reading_frames,
     ),
     Case(
         name="bounces that add little",

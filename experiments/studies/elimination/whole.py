@@ -28,8 +28,8 @@ MOST_LOSS = 1.02
 LEVELS_NEEDED = 4
 """Most clip levels of the scene that needs all, which it needs."""
 
-LAMP = "lamp.position"
-"""Parameter that moving frames change."""
+LAMP, STEP = "lamp.position", 0.1
+"""Parameter that moving frames change, and by how much."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,8 +61,8 @@ def _moving(scene: mi.Scene, config: RenderConfig) -> Render:
     start = np.array(parameters[LAMP], dtype=np.float64).ravel()
 
     def change(number: int) -> None:
-        x, y, z = (start + [0.1 * (number % 2), 0.0, 0.0]).tolist()
-        parameters[LAMP] = mi.Point3f(x, y, z)
+        x, y, z = start.tolist()
+        parameters[LAMP] = mi.Point3f(x + STEP * (number % 2), y, z)
         parameters.update()
 
     return following_frames(scene, config, change)
