@@ -52,8 +52,16 @@ def scene_state(scene: mi.Scene, sensor: mi.Sensor) -> SceneState:
     parameters = {}
     for prefix, part in (("scene", scene), ("sensor", sensor)):
         for name, held in mi.traverse(part).items():  # type: ignore[no-untyped-call]
-            parameters[f"{prefix}.{name}"] = held if dr.is_jit_v(held) else _copied(held)
+            parameters[f"{prefix}.{name}"] = _own(held)
     return SceneState(scene, sensor, parameters)
+
+
+def _own(held: Any) -> object:
+    """Return a parameter as it is now: what Mitsuba hands out changes with the scene.
+
+    The copy of an array is another name of the same variable, until one of the two is written to.
+    """
+    return type(held)(held) if dr.is_jit_v(held) else _copied(held)
 
 
 def _copied(held: object) -> object:

@@ -22,7 +22,7 @@ from vctgi.eliminations import EXACT
 ROUNDING = 2.0**-20
 """Of the lobes of an opaque mask: a mean of 16 equal weights in single precision."""
 
-MORE_BOUNCES = 12
+MORE_BOUNCES = 24
 """Scatterings of the room whose light bounces for long."""
 
 

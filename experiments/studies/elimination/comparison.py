@@ -16,8 +16,8 @@ from vctgi.config import RenderConfig
 MIB = float(1 << 20)
 """Bytes of a mebibyte."""
 
-TURNS, QUICK_TURNS = 15, 5
-"""Frames of each kind that are timed."""
+TURNS, QUICK_TURNS = 15, 3
+"""Frames of each kind that are timed, at least."""
 
 Bound = Callable[[Rendered, Rendered], float]
 """From the frame that leaves out and the one that does not, how far any number may move."""
@@ -26,7 +26,10 @@ Bound = Callable[[Rendered, Rendered], float]
 def study_config(*, quick: bool) -> RenderConfig:
     """Return the configuration that all cases start from."""
     config = vctgi.preset("high")
-    return replace(config, clipmap=replace(config.clipmap, resolution=32 if quick else 128))
+    if not quick:
+        return config
+    clipmap = replace(config.clipmap, resolution=32)
+    return replace(config, clipmap=clipmap, samples_per_pixel=1)
 
 
 def picture_size(*, quick: bool) -> int:
@@ -56,11 +59,12 @@ class Comparison:
     kept_times: list[float]
 
     @classmethod
-    def of(cls, context: StudyContext, pair: Pair) -> Comparison:
+    def of(cls, context: StudyContext, pair: Pair, least_turns: int = 0) -> Comparison:
         """Render, count and time both."""
         lean, kept = pair.lean(0), pair.kept(0)
         works = work_of(pair.lean), work_of(pair.kept)
-        times = interleaved(pair, QUICK_TURNS if context.quick else TURNS)
+        turns = max(QUICK_TURNS if context.quick else TURNS, least_turns)
+        times = interleaved(pair, turns)
         return cls(lean, kept, *works, *times)
 
     @property

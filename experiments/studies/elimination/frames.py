@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 import vctgi
-from experiments.studies.pareto.clocks import Job, timed_frame
+from experiments.studies.pareto.clocks import timed_frame
 from vctgi.config import RenderConfig
 from vctgi.pipeline import Frame, LitVolume, light_volume, prepare_scene, voxelize_scene
 
@@ -153,19 +153,13 @@ class Pair:
         """Make both; `name` is what is kept, or "all"."""
         return cls(make(config), make(replace(config, keep=(name,))))
 
-    def jobs(self) -> list[Job]:
-        """Return both as jobs to be timed in turns."""
-        return [Job("left out", self.lean), Job("kept", self.kept)]
-
 
 def interleaved(pair: Pair, repetitions: int) -> tuple[list[float], list[float]]:
-    """Return device times of warm frames, left out and kept, seconds, in turns.
+    """Return device times of frames, left out and kept, seconds, in turns.
 
+    Both have to be warm: `work_of` makes them so.
     The order within a turn alternates, so that neither has the better place.
     """
-    for render in (pair.lean, pair.kept):
-        for seed in range(2):
-            timed_frame(render, seed)
     lean: list[float] = []
     kept: list[float] = []
     for turn in range(repetitions):

@@ -25,6 +25,9 @@ LEAST_GAIN = 3.0
 MOST_LOSS = 1.02
 """What a frame of the scene that needs all may cost, over one that leaves nothing out."""
 
+WHOLE_TURNS = 9
+"""Frames of each kind that are timed, at least."""
+
 LEVELS_NEEDED = 4
 """Most clip levels of the scene that needs all, which it needs."""
 
@@ -115,7 +118,7 @@ def compare_whole(context: StudyContext, whole: Whole) -> Comparison:
         scene = mi.load_dict(whole.scene(picture_size(quick=context.quick)))
         config = whole.change(study_config(quick=context.quick))
         pair = Pair.of(partial(whole.frames, scene), config, ALL)
-        found = Comparison.of(context, pair)
+        found = Comparison.of(context, pair, WHOLE_TURNS)
         draw_frames(context.shelf, whole.name, found.lean_times, found.kept_times)
         light = found.lean.frame.indirect_diffuse + found.lean.frame.indirect_specular
         context.shelf.add_picture(
