@@ -132,7 +132,8 @@ def test_opaque_masks_are_read_as_what_they_mask() -> None:
 
 
 def emitter(**more: Any) -> mi.Emitter:
-    return mi.load_dict({"type": "point", "position": [0, 0, 0], **more})
+    light: mi.Emitter = mi.load_dict({"type": "point", "position": [0, 0, 0], **more})
+    return light
 
 
 def test_only_lights_that_are_zero_all_over_are_dark() -> None:
