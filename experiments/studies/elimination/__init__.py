@@ -10,11 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-import mitsuba as mi
-
 from experiments.studies.check import Check, Measured, StudyContext
 from experiments.studies.elimination.cases import CASES, Case
-from experiments.studies.elimination.comparison import Comparison, picture_size, study_config
+from experiments.studies.elimination.comparison import Comparison, loaded_scene, study_config
 from experiments.studies.elimination.figures import Savings
 from experiments.studies.elimination.frames import Pair
 from experiments.studies.elimination.whole import whole_checks
@@ -36,7 +34,7 @@ def compare(context: StudyContext, case: Case) -> Comparison:
 
     def measure() -> Comparison:
         context.progress(case.name, 0.0)
-        scene = mi.load_dict(case.scene(picture_size(quick=context.quick)))
+        scene = loaded_scene(context, case.scene)
         config = case.change(study_config(quick=context.quick))
         found = Comparison.of(context, Pair.of(partial(case.frames, scene), config, case.keep))
         savings(context).note(case.name, found.time_ratio, found.lean_work, found.kept_work)
@@ -54,6 +52,7 @@ def _checks_of(case: Case) -> list[Check]:
             measure=lambda context: measure(compare(context, case)),
             limit_low=limits[0],
             limit_high=limits[1],
+            in_quick=case.in_quick,
         )
 
     differing, most = "numbers of the picture that differ", 0.0

@@ -52,6 +52,8 @@ class Case:
         None: no bit may.
     frames
         Makes the frames that are compared.
+    in_quick
+        Whether the quick version of the study measures it.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Case:
     change: Callable[[RenderConfig], RenderConfig] = lambda config: config
     bound: Callable[[Rendered, Rendered], float] | None = None
     frames: Callable[[mi.Scene, RenderConfig], Render] = still_frames
+    in_quick: bool = True
 
     @property
     def bound_text(self) -> str:
@@ -95,7 +98,7 @@ COURT = "two walls, ground, one lamp, all diffuse"
 
 CASES = [
     Case(name="specular cones", keep="specular", scene=scenes.court, about=COURT),
-    Case(name="alpha", keep="alpha", scene=scenes.court, about=COURT),
+    Case(name="alpha", keep="alpha", scene=scenes.court, about=COURT, in_quick=False),
     Case(
         name="masks that are opaque all over",
         keep="alpha",
@@ -130,6 +133,7 @@ CASES = [
         scene=scenes.court,
         about=f"{COURT}; cones of points and voxels look for a sky",
         change=_all_sky,
+        in_quick=False,
     ),
     Case(
         name="a black sky",

@@ -6,9 +6,11 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import mitsuba as mi
 import numpy as np
 
 import vctgi
+from experiments.scenes.parts import SceneDict
 from experiments.studies.check import Measured, StudyContext
 from experiments.studies.elimination.frames import Pair, Rendered, Work, interleaved, work_of
 from vctgi.config import RenderConfig
@@ -30,6 +32,12 @@ def study_config(*, quick: bool) -> RenderConfig:
         return config
     clipmap = replace(config.clipmap, resolution=32)
     return replace(config, clipmap=clipmap, samples_per_pixel=1)
+
+
+def loaded_scene(context: StudyContext, make: Callable[[int], SceneDict]) -> mi.Scene:
+    """Return a scene, loaded once for all cases that show it: they share its kernels."""
+    size = picture_size(quick=context.quick)
+    return context.once(f"elimination, scene {make.__name__}", lambda: mi.load_dict(make(size)))
 
 
 def picture_size(*, quick: bool) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 
 from experiments.scenes.parts import SceneDict
 from experiments.studies.check import Check, Measured, StudyContext
-from experiments.studies.elimination.comparison import Comparison, picture_size, study_config
+from experiments.studies.elimination.comparison import Comparison, loaded_scene, study_config
 from experiments.studies.elimination.figures import Savings, draw_frames
 from experiments.studies.elimination.frames import Pair, Render, following_frames, single_frames
 from experiments.studies.elimination.scenes import court, everything
@@ -49,6 +49,8 @@ class Whole:
         Makes its frames.
     change
         Changes the configuration.
+    in_quick
+        Whether the quick version of the study measures it.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Whole:
     scene: Callable[[int], SceneDict]
     frames: Callable[[mi.Scene, RenderConfig], Render]
     change: Callable[[RenderConfig], RenderConfig] = lambda config: config
+    in_quick: bool = True
 
 
 def _moving(scene: mi.Scene, config: RenderConfig) -> Render:
@@ -99,6 +102,7 @@ SINGLE = Whole(
     about=f"{_COURT}; from scratch, without reading the scene",
     scene=court,
     frames=partial(single_frames, with_reading=False),
+    in_quick=False,
 )
 NEEDY = Whole(
     name="scene that needs all",
@@ -115,7 +119,7 @@ def compare_whole(context: StudyContext, whole: Whole) -> Comparison:
 
     def measure() -> Comparison:
         context.progress(whole.name, 0.0)
-        scene = mi.load_dict(whole.scene(picture_size(quick=context.quick)))
+        scene = loaded_scene(context, whole.scene)
         config = whole.change(study_config(quick=context.quick))
         pair = Pair.of(partial(whole.frames, scene), config, ALL)
         found = Comparison.of(context, pair, WHOLE_TURNS)
@@ -134,6 +138,7 @@ def whole_checks(savings: Callable[[StudyContext], Savings]) -> list[Check]:
 
     def row(whole: Whole, what: str, measure: Callable[[Comparison], Measured]) -> Check:
         return Check(
+            in_quick=whole.in_quick,
             name=f"{whole.name}: {what}",
             configuration="--keep all against nothing kept",
             scene=whole.about,
@@ -185,7 +190,7 @@ def whole_checks(savings: Callable[[StudyContext], Savings]) -> list[Check]:
 def _applying(context: StudyContext, *, savings: Callable[[StudyContext], Savings]) -> Measured:
     """Count what the plan leaves out of the scene that needs all, as its needs go."""
     savings(context).draw(context.shelf)
-    scene = mi.load_dict(everything(picture_size(quick=context.quick)))
+    scene = loaded_scene(context, everything)
     config = _needing_all(study_config(quick=context.quick))
     entries = prepare_scene(scene, scene.sensors()[0], config).plan.entries
     applying = [e.item for e in entries if not e.kept and e.override.startswith("--keep")]
