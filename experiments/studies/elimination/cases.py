@@ -22,7 +22,7 @@ from vctgi.eliminations import EXACT
 ROUNDING = 2.0**-20
 """Of the lobes of an opaque mask: a mean of 16 equal weights in single precision."""
 
-MORE_BOUNCES = 24
+MORE_BOUNCES = 12
 """Scatterings of the room whose light bounces for long."""
 
 
@@ -147,7 +147,7 @@ CASES = [
         name="bounces that add little",
         keep="bounces",
         scene=scenes.closed_box,
-        about=f"a closed room of albedo 0.5, up to {MORE_BOUNCES} scatterings",
+        about=f"a closed room of albedo 0.3, up to {MORE_BOUNCES} scatterings",
         change=lambda config: replace(config, scattering_count=MORE_BOUNCES),
         bound=_of_bounces,
     ),

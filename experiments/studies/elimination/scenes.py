@@ -80,13 +80,13 @@ def court_at_night(size: int) -> SceneDict:
 
 
 def closed_box(size: int) -> SceneDict:
-    """Return a closed room of albedo 1/2 with a lamp in it, whose light bounces for long."""
+    """Return a closed room of albedo 0.3 with a lamp in it, whose light bounces for long."""
     scene = _seen_from(size, (0.0, 0.0, 0.9), (0.0, 0.0, 0.0), 80.0)
     turns: list[tuple[list[int], float]] = [([0, 1, 0], 90.0 * turn) for turn in range(4)]
     turns += [([1, 0, 0], 90.0), ([1, 0, 0], -90.0)]
     for number, (axis, degrees) in enumerate(turns):
         turn = mi.ScalarTransform4f().rotate(axis, degrees).translate([0, 0, -1])
-        bsdf = diffuse(0.5, 0.5, 0.5)
+        bsdf = diffuse(0.3, 0.3, 0.3)
         scene[f"wall{number}"] = {"type": "rectangle", "to_world": turn, "bsdf": bsdf}
     intensity = {"type": "rgb", "value": [1.0, 0.9, 0.8]}
     scene["lamp"] = {"type": "point", "position": [0.2, 0.3, 0.1], "intensity": intensity}
