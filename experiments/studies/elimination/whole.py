@@ -25,7 +25,7 @@ LEAST_GAIN = 3.0
 MOST_LOSS = 1.02
 """What a frame of the scene that needs all may cost, over one that leaves nothing out."""
 
-WHOLE_TURNS = 9
+WHOLE_TURNS, QUICK_WHOLE_TURNS = 25, 5
 """Frames of each kind that are timed, at least."""
 
 LEVELS_NEEDED = 4
@@ -80,6 +80,7 @@ def _needing_all(config: RenderConfig) -> RenderConfig:
         clipmap=replace(config.clipmap, max_level_count=LEVELS_NEEDED),
         sky_in_cones=True,
         scattering_count=3,
+        bounce_cones=replace(config.bounce_cones, cone_count=6, near_field_voxels=0.0),
     )
 
 
@@ -122,7 +123,7 @@ def compare_whole(context: StudyContext, whole: Whole) -> Comparison:
         scene = loaded_scene(context, whole.scene)
         config = whole.change(study_config(quick=context.quick))
         pair = Pair.of(partial(whole.frames, scene), config, ALL)
-        found = Comparison.of(context, pair, WHOLE_TURNS)
+        found = Comparison.of(context, pair, QUICK_WHOLE_TURNS if context.quick else WHOLE_TURNS)
         draw_frames(context.shelf, whole.name, found.lean_times, found.kept_times)
         light = found.lean.frame.indirect_diffuse + found.lean.frame.indirect_specular
         context.shelf.add_picture(
