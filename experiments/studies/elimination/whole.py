@@ -81,6 +81,7 @@ def _needing_all(config: RenderConfig) -> RenderConfig:
         sky_in_cones=True,
         scattering_count=3,
         bounce_cones=replace(config.bounce_cones, cone_count=6, near_field_voxels=0.0),
+        slot_surfaces=replace(config.slot_surfaces, samples_per_face=1.0),
     )
 
 
@@ -108,9 +109,9 @@ SINGLE = Whole(
 NEEDY = Whole(
     name="scene that needs all",
     about="mirror, rough metal and plastic, mask, thin glass, sky, bounces, surfaces at all levels "
-    "that face all ways, a moving lamp",
+    "that face all ways; from scratch, without reading the scene",
     scene=everything,
-    frames=_moving,
+    frames=partial(single_frames, with_reading=False),
     change=_needing_all,
 )
 
