@@ -37,7 +37,12 @@ def study_config(*, quick: bool) -> RenderConfig:
 def loaded_scene(context: StudyContext, make: Callable[[int], SceneDict]) -> mi.Scene:
     """Return a scene, loaded once for all cases that show it: they share its kernels."""
     size = picture_size(quick=context.quick)
-    return context.once(f"elimination, scene {make.__name__}", lambda: mi.load_dict(make(size)))
+
+    def load() -> mi.Scene:
+        scene: mi.Scene = mi.load_dict(make(size))
+        return scene
+
+    return context.once(f"elimination, scene {make.__name__}", load)
 
 
 def picture_size(*, quick: bool) -> int:

@@ -127,8 +127,9 @@ def compare_whole(context: StudyContext, whole: Whole) -> Comparison:
         found = Comparison.of(context, pair, QUICK_WHOLE_TURNS if context.quick else WHOLE_TURNS)
         draw_frames(context.shelf, whole.name, found.lean_times, found.kept_times)
         light = found.lean.frame.indirect_diffuse + found.lean.frame.indirect_specular
+        subject = whole.name.partition(",")[0]
         context.shelf.add_picture(
-            "Everything together", f"{whole.name}: indirect light", np.array(light)
+            "Everything together", f"{subject}: indirect light", np.array(light)
         )
         return found
 
