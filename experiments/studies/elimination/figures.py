@@ -60,7 +60,7 @@ class Savings:
                 family="eliminations",
                 x=Bounded(value=time.value, low=time.low, high=time.high),
                 y=Bounded(value=ratios[name]),
-                is_front=True,
+                is_front=False,
             )
             for name, time in self.time.items()
         ]
