@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -34,3 +35,13 @@ def test_keeping_what_does_not_exist_is_refused(capsys: pytest.CaptureFixture[st
         error = capsys.readouterr().err
         assert "nothing is called 'speculr'" in error
         assert "use all, specular" in error
+
+
+def test_a_record_names_what_is_kept_and_nothing_where_nothing_is(variant: str) -> None:
+    """An option that overrides nothing leaves the configuration that gates compare as it was."""
+    import vctgi
+    from experiments.record import config_values
+
+    config = vctgi.preset("medium")
+    assert "keep" not in config_values(config)
+    assert config_values(replace(config, keep=("sky",)))["keep"] == ("sky",)
