@@ -85,6 +85,12 @@ def _isotropic(config: RenderConfig) -> RenderConfig:
     )
 
 
+def _many_bounces(config: RenderConfig) -> RenderConfig:
+    """Bounce by few cones, for the bound holds for any."""
+    few = replace(config.bounce_cones, cone_count=6, near_field_voxels=0.0)
+    return replace(config, scattering_count=MORE_BOUNCES, bounce_cones=few)
+
+
 def _of_albedo(_lean: Rendered, kept: Rendered) -> float:
     """Bound on all numbers: albedos and what they multiply are at most so bright."""
     return ROUNDING * float(kept.values.max())
@@ -148,7 +154,7 @@ CASES = [
         keep="bounces",
         scene=scenes.closed_box,
         about=f"a closed room of albedo 0.3, up to {MORE_BOUNCES} scatterings",
-        change=lambda config: replace(config, scattering_count=MORE_BOUNCES),
+        change=_many_bounces,
         bound=_of_bounces,
     ),
     Case(
