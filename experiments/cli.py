@@ -6,23 +6,31 @@ An error is one line on standard error; `--debug` adds the traceback.
 
 from __future__ import annotations
 
-import json
 import sys
 import traceback
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 from cyclopts import App, CycloptsError, Parameter
 
 from experiments.cli_options import (
     Cache,
     JsonFile,
+    Keep,
     Preset,
     Presets,
     Resolution,
     Sensor,
     Spp,
     Variant,
+)
+from experiments.cli_values import (
+    at_least,
+    finish,
+    kept_names,
+    picture_size,
+    reference_folder,
+    run_options,
 )
 from experiments.errors import (
     EXIT_BAD_INPUT,
@@ -35,9 +43,6 @@ from experiments.optimize.command import optimize
 from experiments.sweep.command import sweep
 from experiments.sweep.job_command import sweep_job, sweep_scenes
 from experiments.sweep.results_command import results
-
-if TYPE_CHECKING:
-    from experiments.run import RunOptions
 
 app = App(
     name="vctgi",
@@ -64,6 +69,7 @@ def report(  # noqa: PLR0913 - the options of a command
     variant: Variant = None,
     sensor: Sensor = 0,
     cache: Cache = None,
+    keep: Keep = None,
     json_file: JsonFile = None,
 ) -> int:
     """Render scenes both ways and write one page that says how wrong the cones are.
@@ -80,8 +86,8 @@ def report(  # noqa: PLR0913 - the options of a command
         list(scenes),
         output=output,
         presets=presets,
-        options=_options(presets[0], spp, seed, cache),
-        resolution=_picture_size(resolution),
+        options=run_options(presets[0], spp, seed, cache, keep),
+        resolution=picture_size(resolution),
         variant=variant,
         sensor=sensor,
         json_file=json_file,
@@ -98,13 +104,15 @@ def plan(
     resolution: Resolution | None = None,
     variant: Variant = None,
     sensor: Sensor = 0,
+    keep: Keep = None,
     json_file: JsonFile = None,
 ) -> int:
     """Show what would be run for a scene and what is left out, with reasons."""
     from experiments.inspect import plan_lines
 
-    lines, entries = plan_lines(scene, preset, _picture_size(resolution), variant, sensor)
-    _finish(lines, entries, json_file)
+    size = picture_size(resolution)
+    lines, entries = plan_lines(scene, preset, size, variant, sensor, kept_names(keep))
+    finish(lines, entries, json_file)
     return EXIT_DONE
 
 
@@ -119,6 +127,7 @@ def render(  # noqa: PLR0913 - the options of a command
     seed: int = 0,
     variant: Variant = None,
     sensor: Sensor = 0,
+    keep: Keep = None,
     debug: Annotated[
         str | None,
         Parameter(
@@ -134,11 +143,12 @@ def render(  # noqa: PLR0913 - the options of a command
         output,
         preset,
         resolution,
-        _at_least("--spp", spp, 1),
-        _at_least("--seed", seed, 0),
+        at_least("--spp", spp, 1),
+        at_least("--seed", seed, 0),
         variant,
         sensor,
         debug,
+        kept_names(keep),
     )
     if lines:
         print("\n".join(lines))  # noqa: T201 - the command's result
@@ -174,10 +184,12 @@ def reference(  # noqa: PLR0913 - the options of a command
     from experiments.reference_file import TargetOptions, reference_file, reference_to_target
 
     if target_relmse is None:
-        options = _options("high", 512 if spp is None else spp, seed, cache)
+        options = run_options("high", 512 if spp is None else spp, seed, cache)
         line = reference_file(scene, output, resolution, options, variant, sensor)
     else:
-        target = TargetOptions(relmse=target_relmse, most_spp=spp, seed=seed, cache=_cache(cache))
+        target = TargetOptions(
+            relmse=target_relmse, most_spp=spp, seed=seed, cache=reference_folder(cache)
+        )
         line = reference_to_target(scene, output, resolution, target, variant, sensor)
     print(line)  # noqa: T201 - the command's result
     return EXIT_DONE
@@ -220,7 +232,7 @@ def gate(  # noqa: PLR0913 - the options of a command
         ),
         output=output,
         variant=variant,
-        cache=_cache(cache),
+        cache=reference_folder(cache),
     )
 
 
@@ -260,7 +272,7 @@ def study(  # noqa: PLR0913 - the options of a command
         titles = study_titles()
         width = max(map(len, titles))
         lines = [f"{each.ljust(width)}  {title}" for each, title in titles.items()]
-        _finish(lines, titles, json_file)
+        finish(lines, titles, json_file)
         return EXIT_DONE
     return run_study(
         name,
@@ -278,7 +290,7 @@ def doctor(*, json_file: JsonFile = None) -> int:
     from experiments.doctor import diagnose, report_lines
 
     found = diagnose()
-    _finish(report_lines(found), found.to_json(), json_file)
+    finish(report_lines(found), found.to_json(), json_file)
     return EXIT_DONE if found.is_healthy else EXIT_MACHINERY
 
 
@@ -339,61 +351,3 @@ def _fail(line: str, code: int, is_debug: bool) -> int:
         traceback.print_exc()
     sys.stderr.write(f"vctgi: {line}\n")
     return code
-
-
-def _options(preset: str, spp: int, seed: int, cache: Path | None) -> RunOptions:
-    """Return the options of a run, refusing what it could not use."""
-    from experiments.session import find_preset
-
-    find_preset(preset, is_compared=True)
-    from experiments.run import BATCH_COUNT, RunOptions
-
-    if _at_least("--spp", spp, BATCH_COUNT) % BATCH_COUNT:
-        raise InputError(
-            what=f"--spp is {spp}",
-            where="the command line",
-            remedy=f"give a multiple of {BATCH_COUNT}, one share for each independent batch",
-        )
-    return RunOptions(
-        preset=preset,
-        reference_spp=spp,
-        seed=_at_least("--seed", seed, 0),
-        cache_directory=_cache(cache),
-    )
-
-
-def _cache(folder: Path | None) -> Path:
-    """Return the folder of references, proved to be writable."""
-    from experiments.session import writable_folder
-    from reference import default_cache_directory
-
-    return writable_folder(folder or default_cache_directory(), "--cache")
-
-
-def _picture_size(resolution: int | None) -> int | None:
-    """Return a picture size that every metric can measure, or None for the default."""
-    if resolution is None:
-        return None
-    from experiments.session import SMALLEST_PICTURE
-
-    return _at_least("--resolution", resolution, SMALLEST_PICTURE)
-
-
-def _at_least(name: str, value: int, least: int) -> int:
-    """Return `value`, or refuse it by the name of its option."""
-    if value < least:
-        raise InputError(
-            what=f"{name} is {value}", where="the command line", remedy=f"give at least {least}"
-        )
-    return value
-
-
-def _finish(lines: list[str], result: Any, json_file: Path | None) -> None:
-    """Print the lines of a command, and write its result where that is asked for."""
-    if json_file is not None:
-        from experiments.session import writable_file
-
-        writable_file(json_file, "--json").write_text(
-            json.dumps(result, indent=1), encoding="utf-8"
-        )
-    print("\n".join(lines))  # noqa: T201 - the command's result

@@ -41,6 +41,14 @@ Sensor = Annotated[int, Parameter(help="Which camera of the scene.")]
 Cache = Annotated[
     Path | None, Parameter(help=f"Where references are kept; default: {DEFAULT_CACHE}.")
 ]
+Keep = Annotated[
+    list[str] | None,
+    Parameter(
+        help="Keep what the scene does not need, by the names that `vctgi plan` shows, or all; may "
+        "be repeated or part names by commas.",
+        negative="",
+    ),
+]
 JsonFile = Annotated[
     Path | None, Parameter(name="--json", help="Write machine-readable results to this file.")
 ]

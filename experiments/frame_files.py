@@ -8,7 +8,7 @@ even light of radiance 1 from all around would show: albedo times `ambient.Y`.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +41,7 @@ def render_frame_file(  # noqa: PLR0913 - the options of a command
     variant: str | None,
     sensor: int,
     debug: str | None = None,
+    keep: tuple[str, ...] = (),
 ) -> list[str]:
     """Render a frame by cones, with Mitsuba's direct light, to an EXR file.
 
@@ -63,7 +64,7 @@ def render_frame_file(  # noqa: PLR0913 - the options of a command
             remedy=f"use {', '.join(DEBUG_NAMES)}",
         )
     start_mitsuba(variant)
-    config = vctgi.preset(preset)
+    config = replace(vctgi.preset(preset), keep=keep)
     is_ambient = config.mode == "ambient"
     loaded = load_scene(
         source, resolution=resolution, sensor_index=sensor, needs_light=not is_ambient

@@ -9,7 +9,7 @@ from collections import Counter
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 
@@ -118,11 +118,8 @@ def keep_record(
         scene=_scene_info(result),
         method=METHOD,
         preset=options.preset,
-        config=dataclasses.asdict(result.config),
-        plan=[
-            PlanEntry(item=e.item, kept=e.kept, reason=e.reason, saved=e.saved)
-            for e in result.prepared.plan.entries
-        ],
+        config=config_values(result.config),
+        plan=[PlanEntry(**dataclasses.asdict(e)) for e in result.prepared.plan.entries],
         seed=options.seed,
         width=width,
         height=height,
@@ -296,6 +293,18 @@ def _warnings(result: RunResult) -> list[str]:
     ]
     found += noise_warnings(result.floors, result.measured, result.truth.request.samples_per_pixel)
     return list(dict.fromkeys(found))
+
+
+def config_values(config: RenderConfig) -> dict[str, Any]:
+    """Return a configuration as a record holds it.
+
+    What is kept stands there only where something is: gates compare configurations, and one that
+    overrides nothing is the one that baselines were reviewed with.
+    """
+    values = dataclasses.asdict(config)
+    if not config.keep:
+        del values["keep"]
+    return values
 
 
 def _file_word(preset: str) -> str:

@@ -128,6 +128,7 @@ def _command(
     words = ["vctgi", "report", name, "--preset", options.preset]
     if resolution is not None:
         words += ["--resolution", str(resolution)]
+    words += [word for name in options.keep for word in ("--keep", name)]
     words += ["--spp", str(options.reference_spp), "--seed", str(options.seed)]
     return shlex.join([*words, "--variant", variant, "--sensor", str(loaded.sensor_index)])
 

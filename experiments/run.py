@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +47,8 @@ class RunOptions:
     """Whether one more frame is rendered, not timed, that counts what its cones read."""
     cache_directory: Path | None = None
     """Where references are kept."""
+    keep: tuple[str, ...] = ()
+    """What is kept although the scene does not need it (`vctgi.eliminations`), or "all"."""
     command: str = ""
     """What to type to make the record again."""
 
@@ -91,7 +93,7 @@ def run_scene(
     tuple
         The record and its file.
     """
-    config = vctgi.preset(options.preset) if options.config is None else options.config
+    config = options.config or replace(vctgi.preset(options.preset), keep=options.keep)
     cones = render_cones(loaded, config, options, progress)
     tally = count_samples(cones, config, options) if options.is_counted else None
     truth = reference.render_reference(

@@ -162,6 +162,10 @@ class PlanEntry(_Part):
     kept: bool
     reason: str
     saved: str = ""
+    bound: str = ""
+    """How far leaving it out moves the picture: "bit for bit", or a proved bound."""
+    override: str = ""
+    """What keeps it: an option of the command line, or a field of the configuration."""
 
 
 class SceneInfo(_Part):

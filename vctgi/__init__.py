@@ -10,6 +10,8 @@ from vctgi.config import PRESETS as PRESETS
 from vctgi.config import RenderConfig as RenderConfig
 from vctgi.config import preset as preset
 from vctgi.errors import SceneError as SceneError
+from vctgi.following import FollowedScene as FollowedScene
+from vctgi.following import follow_scene as follow_scene
 from vctgi.integrator import register as _register
 from vctgi.parameters import ConeParameters as ConeParameters
 from vctgi.pipeline import accumulate_frame as accumulate_frame

@@ -6,63 +6,71 @@ emittance -> downsampling -> diffuse cones of the slots -> bounces = emittance o
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.slot_surfaces import SlotSurfaces
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap, pack_volume
+from vctgi.clipmap.stored_directions import StoredDirections
 from vctgi.config import RenderConfig
+from vctgi.prepared import PreparedScene, StageClock
 from vctgi.scene.sky import PrefilteredSky
 from vctgi.scene.surfaces import VoxelSurfaces
-from vctgi.stages.bounces import Gather, add_light, bounce_light, reflect, slot_receivers
+from vctgi.stages.bounces import (
+    BouncedLight,
+    Gather,
+    add_light,
+    bounce_light,
+    reflect,
+    slot_receivers,
+)
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
 from vctgi.stages.downsampling import downsample
 from vctgi.stages.slot_surfaces.slots import describe_slots
 
 
 def light_by_cones(
-    scene: mi.Scene,
+    prepared: PreparedScene,
     voxelized: VoxelSurfaces,
     opacity: OpacityClipmap,
     injected: EmittanceClipmap,
     config: RenderConfig,
-    sky: PrefilteredSky | None,
-    clock: Callable[[str], AbstractContextManager[object]],
-) -> tuple[EmittanceClipmap, list[float]]:
+    clock: StageClock,
+) -> BouncedLight:
     """Add the light that voxels gather by cones of their own: of the sky, and of other voxels.
 
     Parameters
     ----------
-    scene, voxelized
-        Geometry with its materials, and its sides that are voxelized.
+    prepared, voxelized
+        The scene, and its sides that are voxelized.
     opacity, injected
         Opacity, and light after one scattering, at each clip level's own resolution.
     config
         Which of both, how many bounces, by which cones.
-    sky
-        What lights the voxels if `config.sky_lighting` says so; None where there is no sky.
     clock
         Times the stages.
 
     Returns
     -------
-    tuple
-        Emittance of all scatterings, and the flux that the voxels emit after each of them, W.
+    BouncedLight
+        Emittance of all scatterings, and what the voxels emit after each of them.
     """
+    scene, stored = prepared.scene, prepared.plan.directions
     with clock("slot surfaces"):
         surfaces = describe_slots(scene, voxelized, opacity, config.slot_surfaces)
-    if config.sky_lighting == "cones" and sky is not None:
+    if prepared.plan.has_sky_by_cones:
         with clock("sky on voxels"):
-            gather = slot_gatherer(scene, surfaces, opacity, config, sky)
+            gather = slot_gatherer(scene, surfaces, opacity, config, stored, prepared.sky)
             dark = reflect(injected, [], [])
             injected = add_light(injected, reflect(injected, surfaces, gather(dark)))
     with clock("bounces"):
-        gather = slot_gatherer(scene, surfaces, opacity, config)
-        bounced = bounce_light(injected, surfaces, gather, config.bounce_count, config.bounces)
-    return bounced.emittance, bounced.fluxes
+        gather = slot_gatherer(scene, surfaces, opacity, config, stored)
+        ends = config.bounces
+        if config.is_kept("bounces"):
+            ends = replace(ends, min_bounce_share=0.0)
+        return bounce_light(injected, surfaces, gather, config.bounce_count, ends)
 
 
 def slot_gatherer(
@@ -70,15 +78,30 @@ def slot_gatherer(
     surfaces: list[SlotSurfaces],
     opacity: OpacityClipmap,
     config: RenderConfig,
+    directions: StoredDirections | None = None,
     sky: PrefilteredSky | None = None,
 ) -> Gather:
-    """Return what brings the light of voxels, and of a sky if there is one, to slots by cones."""
+    """Return what brings the light of voxels, and of a sky if there is one, to slots by cones.
+
+    Parameters
+    ----------
+    scene, surfaces, opacity
+        Geometry, the surfaces behind the slots, and how opaque those are.
+    config
+        Cones and storage.
+    directions
+        Which of the voxels' directions are stored; None: as many as the storage says.
+    sky
+        What cones see beyond the voxels; None: darkness.
+    """
     receivers = [slot_receivers(each) if each.count else None for each in surfaces]
 
     def gather(emittance: EmittanceClipmap) -> list[mi.Color3f]:
         merged, lit = downsample(opacity, emittance, config.downsampling)
         assert lit is not None, "downsampling keeps the emittance it is given"
-        volume = pack_volume(merged, lit, config.storage)
+        volume = pack_volume(
+            merged, lit, config.storage, directions, keeps_empty=config.is_kept("levels")
+        )
         return [
             dr.zeros(mi.Color3f, 0)
             if each is None

@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 from vctgi.clipmap.levels import ClipmapConfig
 from vctgi.clipmap.storage import StorageConfig
+from vctgi.eliminations import ALL, check_names
 from vctgi.errors import PresetFileError
 from vctgi.peers import PEER_PREFIX, PEERS, find_peer, peer_names
 from vctgi.preset_file import SUFFIX, changed_config, is_preset_file, read_preset_file
@@ -95,9 +96,13 @@ class RenderConfig:
     is part of the frame, and must not be added to it by another renderer again."""
     sky: SkyConfig = field(default_factory=SkyConfig)
     """How the environment is averaged for cones."""
+    keep: tuple[str, ...] = ()
+    """Names of `vctgi.eliminations.ELIMINATIONS` that are kept even where the scene does not need
+    them, or "all": for measuring what leaving them out saves."""
 
     def __post_init__(self) -> None:
         """Refuse an empty picture, and one without indirect light."""
+        check_names(self.keep)
         if self.samples_per_pixel < 1:
             raise ValueError(
                 f"RenderConfig.samples_per_pixel must be >= 1, got {self.samples_per_pixel}."
@@ -116,6 +121,10 @@ class RenderConfig:
                 f"RenderConfig.sky_lighting must be one of {get_args(SkyLighting)}, "
                 f"got {self.sky_lighting!r}."
             )
+
+    def is_kept(self, name: str) -> bool:
+        """Whether something is kept that the scene may not need."""
+        return name in self.keep or ALL in self.keep
 
     @property
     def bounce_count(self) -> int:

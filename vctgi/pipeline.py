@@ -28,17 +28,18 @@ from vctgi.frame_pipeline import FrameTally as FrameTally
 from vctgi.frame_pipeline import gather_ambient as gather_ambient
 from vctgi.frame_pipeline import gather_light as gather_light
 from vctgi.frame_pipeline import render_frame as render_frame
-from vctgi.plan import plan_render
+from vctgi.plan import Plan, SceneParts, plan_render
 from vctgi.prepared import PreparedScene as PreparedScene
 from vctgi.prepared import StageClock as StageClock
 from vctgi.prepared import no_clock as no_clock
+from vctgi.scene.constants import is_opaque_mask
 from vctgi.scene.derivatives import check_derivatives
 from vctgi.scene.emissive import list_emissive_surfaces
 from vctgi.scene.light_checks import check_lights
 from vctgi.scene.lights import list_lights
 from vctgi.scene.lobe_kinds import list_lobe_kinds
 from vctgi.scene.materials import describe_material
-from vctgi.scene.sky import prefilter_sky
+from vctgi.scene.sky import black_sky, prefilter_sky
 from vctgi.scene.surfaces import VoxelSurfaces, select_surfaces
 from vctgi.scene.triangles import extract_triangles
 from vctgi.stages.downsampling import downsample
@@ -88,12 +89,16 @@ class LitVolume:
     bounce_fluxes
         Flux that the voxels emit after each scattering, W; empty where light goes straight from
         the injection to the eye.
+    left_out_radiance
+        Bound on the radiance that further scatterings would add to any voxel, W m^-2 sr^-1, where
+        they stopped because the last one added little.
     """
 
     volume: VoxelVolume
     lost_flux_share: list[float]
     texel_count: int
     bounce_fluxes: list[float] = field(default_factory=list)
+    left_out_radiance: float = 0.0
 
 
 def prepare_scene(
@@ -111,18 +116,29 @@ def prepare_scene(
     with clock("scene"):
         is_cut = config.emission_in_voxels or config.sky_in_cones or config.sky_lighting == "cones"
         check_derivatives(scene, ("radiance",) if is_cut else ())
-        lights = [] if config.mode == "ambient" else list_lights(scene)
-        if not lights and config.mode != "ambient":
+        is_ambient = config.mode == "ambient"
+        lights = [] if is_ambient and not config.is_kept("light") else list_lights(scene)
+        if not lights and not is_ambient:
             raise SceneError("no light", "the scene", "add an emitter")
         check_lights(lights)
         triangles = extract_triangles(scene)
-        materials = [describe_material(bsdf) for bsdf in triangles.bsdfs]
+        reads_masks = config.is_kept("alpha")
+        materials = [
+            describe_material(bsdf, is_opaque_mask=not reads_masks and is_opaque_mask(bsdf))
+            for bsdf in triangles.bsdfs
+        ]
         surfaces = select_surfaces(scene, sensor, triangles, materials)
-        plan = plan_render(scene, sensor, triangles, materials, lights, config)
+        parts = SceneParts(
+            triangles=triangles, materials=materials, surfaces=surfaces, lights=lights
+        )
+        plan = plan_render(scene, sensor, parts, config)
     sky = None
     if plan.has_sky_in_cones or plan.has_sky_by_cones:
         with clock("sky"):
-            sky = prefilter_sky(scene.environment(), config.sky)
+            environment = scene.environment()
+            sky = black_sky(config.sky)
+            if environment is not None:
+                sky = prefilter_sky(environment, config.sky)
     kinds = list_lobe_kinds(triangles.bsdfs) if plan.has_specular else None
     return PreparedScene(scene, sensor, triangles, materials, surfaces, plan, sky, kinds)
 
@@ -133,11 +149,20 @@ def voxelize_scene(
     """Voxelize the surfaces of a scene."""
     with clock("opacity voxelization"):
         layout = prepared.plan.layout
-        triangles = upload_triangles(prepared.surfaces)
+        triangles = _upload(prepared, config)
         opacity = voxelize_triangles(triangles, layout, config.voxelization)
         dr.eval(opacity.levels)
     filled = count_voxels(box for level in layout.clip_levels for box in own_regions(layout, level))
     return SceneVoxels(prepared.surfaces, triangles, opacity, filled)
+
+
+def _upload(prepared: PreparedScene, config: RenderConfig) -> DeviceTriangles:
+    """Return the surfaces on the device, with what alpha tests need where the plan keeps those."""
+    return upload_triangles(
+        prepared.surfaces,
+        has_uv=bool(prepared.surfaces.masks) or config.is_kept("textures"),
+        has_masks=bool(prepared.surfaces.masks) or config.is_kept("alpha"),
+    )
 
 
 def update_voxels(
@@ -163,7 +188,7 @@ def update_voxels(
     """
     with clock("opacity voxelization"):
         changed = changed_bounds(voxels.surfaces, prepared.surfaces)
-        triangles = upload_triangles(prepared.surfaces) if changed else voxels.triangles
+        triangles = _upload(prepared, config) if changed else voxels.triangles
         opacity, stale = update_opacity(
             voxels.opacity, triangles, prepared.plan.layout, changed, config.voxelization
         )
@@ -185,12 +210,12 @@ def light_volume(
     if voxels is None:
         voxels = voxelize_scene(prepared, config, clock)
     opacity = voxels.opacity
-    if config.mode == "ambient":
+    if not plan.is_lit:
         with clock("downsampling"):
-            merged, _ = downsample(opacity, None)
+            merged, _ = downsample(opacity, None, config.downsampling)
             dark = [dr.zeros(mi.Color3f, dr.width(level)) for level in merged.levels]
             nothing = EmittanceClipmap(merged.layout, dark, [0.0] * plan.layout.clip_level_count)
-            return LitVolume(pack_volume(merged, nothing, config.storage), [], 0)
+            return LitVolume(_pack(merged, nothing, plan, config), [], 0)
     with clock("reflective shadow maps"):
         maps = render_reflective_shadow_maps(
             prepared.scene, list(plan.lights), plan.layout, config.reflective_shadow_map, opacity
@@ -201,11 +226,11 @@ def light_volume(
     with clock("light injection"):
         emittance = inject_light(maps, opacity, config.injection)
     fluxes: list[float] = []
+    left_out = 0.0
     if plan.bounce_count > 0 or plan.has_sky_by_cones:
-        emittance, fluxes = light_by_cones(
-            prepared.scene, voxels.surfaces, opacity, emittance, config, prepared.sky, clock
-        )
-    if config.emission_in_voxels:
+        bounced = light_by_cones(prepared, voxels.surfaces, opacity, emittance, config, clock)
+        emittance, fluxes, left_out = bounced.emittance, bounced.fluxes, bounced.left_out
+    if plan.has_emission:
         with clock("emittance voxelization"):
             opacity, emitted = voxelize_emission(list_emissive_surfaces(prepared.scene), opacity)
             both = zip(emittance.levels, emitted.levels, strict=True)
@@ -213,8 +238,23 @@ def light_volume(
     with clock("downsampling"):
         merged, lit = downsample(opacity, emittance, config.downsampling)
         assert lit is not None, "downsampling keeps the emittance it is given"
-        volume = pack_volume(merged, lit, config.storage)
-    return LitVolume(volume, lit.lost_flux_share, sum(m.texel_count for m in maps), fluxes)
+        volume = _pack(merged, lit, plan, config)
+    return LitVolume(
+        volume, lit.lost_flux_share, sum(m.texel_count for m in maps), fluxes, left_out
+    )
+
+
+def _pack(
+    opacity: OpacityClipmap, emittance: EmittanceClipmap, plan: Plan, config: RenderConfig
+) -> VoxelVolume:
+    """Store what the plan keeps of the voxels."""
+    return pack_volume(
+        opacity,
+        emittance,
+        config.storage,
+        plan.directions,
+        keeps_empty=config.is_kept("levels"),
+    )
 
 
 def accumulate_frame(

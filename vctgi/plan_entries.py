@@ -5,28 +5,92 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vctgi.config import RenderConfig
+from vctgi.eliminations import ELIMINATIONS
 from vctgi.scene.materials import Material
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlanEntry:
-    """One decision: what, whether it is kept, why, and what leaving it out saved."""
+    """One decision.
+
+    Attributes
+    ----------
+    item, kept, reason
+        What, whether it is kept, and why.
+    saved
+        What leaving it out saved.
+    bound
+        How far that moves the picture: "bit for bit", or a proved bound; empty where the
+        configuration asks for another picture.
+    override
+        What keeps it: a name for `RenderConfig.keep`, as the command line has it, or a field of the
+        configuration.
+    """
 
     item: str
     kept: bool
     reason: str
     saved: str = ""
+    bound: str = ""
+    override: str = ""
+
+
+def left_out_entry(
+    name: str, *, item: str, reason: str, saved: str, bound: str | None = None
+) -> PlanEntry:
+    """Return the entry of what a scene does not need, by its name among `ELIMINATIONS`."""
+    return PlanEntry(
+        item=item,
+        kept=False,
+        reason=reason,
+        saved=saved,
+        bound=ELIMINATIONS[name].bound if bound is None else bound,
+        override=f"--keep {name}",
+    )
+
+
+def needed_entry(
+    name: str,
+    config: RenderConfig,
+    *,
+    item: str,
+    needs: str,
+    lacks: str,
+    saved: str,
+    bound: str | None = None,
+) -> PlanEntry:
+    """Return the entry of what is kept if the scene needs it, or if it is asked for.
+
+    Parameters
+    ----------
+    name
+        Among `ELIMINATIONS`.
+    config
+        What is asked for.
+    item
+        What it is about.
+    needs
+        Why the scene needs it; empty where it does not.
+    lacks
+        Why it does not.
+    saved, bound
+        What leaving it out saved, and how far it moves the picture.
+    """
+    if needs:
+        return PlanEntry(item=item, kept=True, reason=needs)
+    if config.is_kept(name):
+        return PlanEntry(item=item, kept=True, reason=f"asked for by keep {name}; {lacks}")
+    return left_out_entry(name, item=item, reason=lacks, saved=saved, bound=bound)
 
 
 def ambient_entries(config: RenderConfig) -> list[PlanEntry]:
     """Say what a frame without light leaves out."""
     reason = 'mode = "ambient": only opacity is read'
-    left_out = {
+    lit = {
         "reflective shadow maps": "the survey of the lights, and their maps",
         "light injection": "sums of light, and emittance at every level of downsampling",
         "bounces from voxel to voxel": "cones of every voxel with a surface",
         "environment at the end of a cone": "its average over cones",
-        "diffuse and specular cones": "reads of emittance, and the measuring of lobes",
     }
     return [
         PlanEntry(
@@ -35,8 +99,15 @@ def ambient_entries(config: RenderConfig) -> list[PlanEntry]:
             reason=f"{config.ambient.cone_count} cones through opacity alone",
         ),
         *(
-            PlanEntry(item=item, kept=False, reason=reason, saved=saved)
-            for item, saved in left_out.items()
+            needed_entry("light", config, item=item, needs="", lacks=reason, saved=saved)
+            for item, saved in lit.items()
+        ),
+        PlanEntry(
+            item="diffuse and specular cones",
+            kept=False,
+            reason=reason,
+            saved="reads of emittance, and the measuring of lobes",
+            override="mode",
         ),
     ]
 
@@ -55,6 +126,7 @@ def sparse_entry(config: RenderConfig) -> PlanEntry:
         reason=f"reconstruction.sparsity = {sparsity}: one of {sparsity} traces cones, the others "
         "interpolate or, where they find no neighbour, trace too",
         saved=f"up to {share:.1%} of these cones",
+        override="reconstruction.sparsity",
     )
 
 
@@ -73,16 +145,25 @@ def anisotropy_entries(materials: list[Material]) -> list[PlanEntry]:
     ]
 
 
-def emission_entry(config: RenderConfig) -> PlanEntry:
+def emission_entry(config: RenderConfig, emissive_count: int) -> PlanEntry:
     """Say whether emitters shine from voxels too."""
-    item = "emission in voxels"
-    if config.emission_in_voxels:
-        return PlanEntry(item=item, kept=True, reason="asked for by emission_in_voxels")
-    return PlanEntry(
+    item, saved = "emission in voxels", "emittance voxelization"
+    if not config.emission_in_voxels:
+        return PlanEntry(
+            item=item,
+            kept=False,
+            reason="light straight from an emitter is direct light, which Mitsuba renders",
+            saved=saved,
+            override="emission_in_voxels",
+        )
+    asked = f"asked for by emission_in_voxels: {emissive_count} triangles shine"
+    return needed_entry(
+        "emission",
+        config,
         item=item,
-        kept=False,
-        reason="light straight from an emitter is direct light, which Mitsuba renders",
-        saved="emittance voxelization",
+        needs=asked if emissive_count else "",
+        lacks="no surface shines by itself",
+        saved=saved,
     )
 
 
@@ -95,33 +176,43 @@ def bounce_entry(config: RenderConfig) -> PlanEntry:
             reason=f"scattering_count = {config.scattering_count}: one bounce, from lit voxels to "
             "the eye",
             saved="cones of every voxel with a surface",
+            override="scattering_count",
         )
     share = config.bounces.min_bounce_share
+    if config.is_kept("bounces") or share == 0.0:
+        return PlanEntry(
+            item="bounces from voxel to voxel",
+            kept=True,
+            reason=f"scattering_count = {config.scattering_count}: all {config.bounce_count}",
+        )
     return PlanEntry(
         item="bounces from voxel to voxel",
         kept=True,
         reason=f"scattering_count = {config.scattering_count}: up to {config.bounce_count}, "
         f"stopping once one adds less than {share:g} of the flux before it",
+        bound=ELIMINATIONS["bounces"].bound,
+        override="--keep bounces",
     )
 
 
-def sky_entries(config: RenderConfig, *, has_sky: bool) -> list[PlanEntry]:
-    """Say where the environment is looked up."""
-    if not has_sky:
-        reason = "the scene has no environment"
-    elif config.sky_in_cones:
-        reason = "asked for: the frame holds the direct light of the sky too"
+def sky_entries(config: RenderConfig, *, has_sky: bool, lacks: str) -> list[PlanEntry]:
+    """Say where the environment is looked up, if there is one; `lacks` says why there is none."""
+    item = "environment at the end of a cone"
+    if config.sky_in_cones:
+        asked = "asked for: the frame holds the direct light of the sky too"
+        needs = asked if has_sky else ""
+        saved = "one lookup a cone"
+        entry = needed_entry("sky", config, item=item, needs=needs, lacks=lacks, saved=saved)
     else:
         reason = "light straight from the sky is direct light, which Mitsuba renders"
-    is_seen = has_sky and config.sky_in_cones
-    entries = [
-        PlanEntry(
-            item="environment at the end of a cone",
-            kept=is_seen,
-            reason=reason,
-            saved="" if is_seen else "one lookup a cone",
+        entry = PlanEntry(
+            item=item,
+            kept=False,
+            reason=reason if has_sky else lacks,
+            saved="one lookup a cone",
+            override="sky_in_cones",
         )
-    ]
+    entries = [entry]
     if has_sky:
         is_kept = config.sky_lighting == "cones"
         entries.append(
@@ -132,6 +223,18 @@ def sky_entries(config: RenderConfig, *, has_sky: bool) -> list[PlanEntry]:
                 if is_kept
                 else "a reflective shadow map of it lights the voxels",
                 saved="" if is_kept else "cones of every voxel with a surface",
+                override="" if is_kept else "sky_lighting",
+            )
+        )
+    elif config.sky_lighting == "cones":
+        entries.append(
+            needed_entry(
+                "sky",
+                config,
+                item="environment at the end of a voxel's cone",
+                needs="",
+                lacks=lacks,
+                saved="cones of every voxel with a surface",
             )
         )
     return entries

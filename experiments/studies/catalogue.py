@@ -71,6 +71,10 @@ STUDIES = {
         "experiments.studies.stability",
         "Do stiff and extreme scenes and settings still give sound light?",
     ),
+    "elimination": StudyEntry(
+        "experiments.studies.elimination",
+        "What is saved by leaving out what a scene does not need, and what does it change?",
+    ),
     "gates": StudyEntry(
         "experiments.studies.gates",
         "How often do gates fail for nothing, and how small a fault do they find?",

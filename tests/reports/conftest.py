@@ -144,6 +144,8 @@ def record_with(images: dict[str, ImageFile], **changes: Any) -> Record:
                 kept=False,
                 reason="no environment emitter",
                 saved="4 MiB, 1 lookup a cone",
+                bound="bit for bit",
+                override="--keep sky",
             ),
         ],
         "seed": 1,

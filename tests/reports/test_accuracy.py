@@ -126,6 +126,8 @@ def test_everything_that_a_record_holds_is_shown(write: Write) -> None:
         "reference 48.2 s, 176 \N{MULTIPLICATION SIGN}",
         *(time.stage for time in record.times),
         *(entry.reason for entry in record.plan),
+        *(entry.bound for entry in record.plan),
+        *(entry.override for entry in record.plan),
         *(metric.formula for metric in record.metrics),
         *record.scene.contributions,
     ]

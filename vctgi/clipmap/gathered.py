@@ -10,7 +10,8 @@ import mitsuba as mi
 
 from vctgi.clipmap.formats import TexelCode, VoxelAddress, Words
 from vctgi.clipmap.neighbourhood import Layer, Neighbourhood
-from vctgi.maths.directions import DIRECTION_COUNT, other_axes
+from vctgi.clipmap.stored_directions import StoredDirections
+from vctgi.maths.directions import other_axes
 from vctgi.maths.stub_gaps import as_component
 
 
@@ -26,8 +27,8 @@ class GatheredTexels:
         All of them.
     voxel_offsets
         [level]: voxels that are stored before the level's.
-    direction_count
-        Stored directions: 6, 3 or 1.
+    directions
+        Which are stored, and where.
     scale
         One number: emittance of code value 1, W m^-2 sr^-1, or None where codes are the emittance.
     """
@@ -35,13 +36,17 @@ class GatheredTexels:
     code: TexelCode
     words: Words
     voxel_offsets: mi.UInt32
-    direction_count: int
+    directions: StoredDirections
     scale: mi.Float | None
 
     @property
     def byte_count(self) -> int:
         """Bytes of all words."""
         return dr.itemsize_v(self.words) * dr.width(self.words)
+
+    def has_axis(self, axis: int) -> bool:
+        """Whether there is anything to read for travel along an axis."""
+        return self.directions.has_axis(axis)
 
     def taps(
         self, around: Neighbourhood, layer: Layer, active: mi.Bool | bool = True
@@ -50,8 +55,10 @@ class GatheredTexels:
         u, v = other_axes(layer.axis)
         bits = around.resolution_bits
         offset = dr.gather(mi.UInt32, self.voxel_offsets, around.level)
-        start = offset * self.code.slab_count(self.direction_count)
-        slot = stored_slot(layer, self.direction_count)
+        count = self.directions.count
+        start = offset * self.code.slab_count(count)
+        slot, is_stored = self.directions.find(layer)
+        active = active & is_stored
         stride = mi.UInt32(1) << (3 * bits)
         parts = {layer.axis: around.stored(layer.voxel) << (layer.axis * bits)}
         for step_u in range(2):
@@ -61,15 +68,8 @@ class GatheredTexels:
                 # In the same order for every axis, so that equal sums are computed once.
                 place = parts[0] + parts[1] + parts[2]
                 voxel = VoxelAddress(start, stride, place)
-                texel = self.code.fetch(self.words, voxel, slot, self.direction_count, active)
+                texel = self.code.fetch(self.words, voxel, slot, count, active)
                 if self.scale is not None:
                     color_scale = as_component(self.scale)
                     texel *= mi.Vector4f(color_scale, color_scale, color_scale, 1.0)
                 yield around.weights[u][step_u], around.weights[v][step_v], texel
-
-
-def stored_slot(layer: Layer, direction_count: int) -> mi.UInt32 | int:
-    """Return which of the stored directions holds a layer's."""
-    if direction_count == DIRECTION_COUNT:
-        return 2 * layer.axis + layer.side
-    return layer.axis if direction_count == 3 else 0

@@ -113,11 +113,15 @@ class ClipmapLayout:
         How many of them are clip levels.
     centre
         World point that the windows surround before snapping.
+    spare_level_count
+        How many of the clip levels, the coarsest ones, are filled although finer ones hold the
+        whole scene; nothing reads what only they hold.
     """
 
     levels: tuple[LevelLayout, ...]
     clip_level_count: int
     centre: tuple[float, float, float]
+    spare_level_count: int = 0
 
     @property
     def finest_voxel_size(self) -> float:
@@ -135,9 +139,19 @@ class ClipmapLayout:
         return self.levels[: self.clip_level_count]
 
     @property
+    def read_clip_level_count(self) -> int:
+        """Clip levels that cones tell apart."""
+        return self.clip_level_count - self.spare_level_count
+
+    @property
+    def last_read_level(self) -> int:
+        """Coarsest level, or mip, that cones read."""
+        return len(self.levels) - 1 - self.spare_level_count
+
+    @property
     def coarsest(self) -> LevelLayout:
         """The coarsest clip level, whose window bounds everything that cones can meet."""
-        return self.levels[self.clip_level_count - 1]
+        return self.levels[self.read_clip_level_count - 1]
 
     @property
     def extent(self) -> float:
@@ -164,6 +178,7 @@ def lay_out_clipmap(
     finest_voxel_size: float,
     level_count: int,
     resolution: int,
+    spare_level_count: int = 0,
 ) -> ClipmapLayout:
     """Place the windows of a clipmap around a world point.
 
@@ -177,11 +192,13 @@ def lay_out_clipmap(
         Clip levels, >= 1.
     resolution
         Voxels along an edge of a clip level, a power of two.
+    spare_level_count
+        How many of the levels nothing needs; they change nothing about the others.
     """
     levels = []
     for level in range(level_count):
         voxel_size = finest_voxel_size * 2.0**level
-        is_coarsest = level == level_count - 1
+        is_coarsest = level >= level_count - spare_level_count - 1
         snap = resolution // COARSEST_MIP_RESOLUTION if is_coarsest else 2
         origin = tuple(_snapped_origin(c, voxel_size, resolution, snap) for c in centre)
         levels.append(_level(level, voxel_size, resolution, origin))
@@ -191,7 +208,12 @@ def lay_out_clipmap(
         origin = tuple(o // 2 for o in finer.origin)
         levels.append(_level(finer.level + 1, 2.0 * finer.voxel_size, mip_resolution, origin))
         mip_resolution //= 2
-    return ClipmapLayout(levels=tuple(levels), clip_level_count=level_count, centre=centre)
+    return ClipmapLayout(
+        levels=tuple(levels),
+        clip_level_count=level_count,
+        centre=centre,
+        spare_level_count=spare_level_count,
+    )
 
 
 def move_clipmap(layout: ClipmapLayout, centre: tuple[float, float, float]) -> ClipmapLayout:
@@ -201,6 +223,7 @@ def move_clipmap(layout: ClipmapLayout, centre: tuple[float, float, float]) -> C
         finest_voxel_size=layout.finest_voxel_size,
         level_count=layout.clip_level_count,
         resolution=layout.resolution,
+        spare_level_count=layout.spare_level_count,
     )
 
 

@@ -82,6 +82,9 @@ class VoxelTexels(Protocol):
     def byte_count(self) -> int:
         """Bytes that the texels take."""
 
+    def has_axis(self, axis: int) -> bool:
+        """Whether there is anything to read for travel along an axis."""
+
     def taps(
         self, around: Neighbourhood, layer: Layer, active: mi.Bool | bool = True
     ) -> Iterator[tuple[mi.Float, mi.Float, mi.Vector4f]]:

@@ -239,4 +239,7 @@ def same_levels(first: ClipmapLayout, second: ClipmapLayout) -> bool:
     """Whether two layouts have levels of the same sizes, wherever their windows stand."""
     return [(x.voxel_size, x.resolution) for x in first.levels] == [
         (x.voxel_size, x.resolution) for x in second.levels
-    ] and first.clip_level_count == second.clip_level_count
+    ] and (first.clip_level_count, first.spare_level_count) == (
+        second.clip_level_count,
+        second.spare_level_count,
+    )

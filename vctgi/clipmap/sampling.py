@@ -104,7 +104,7 @@ def read_medium(
     read_axis = _read_axis if read == "layered" else _read_axis_as_alpha
     extinction = mi.Float(0.0)
     source = mi.Color3f(0.0)
-    for axis in range(3):
+    for axis in filter(volume.texels.has_axis, range(3)):
         depth, emitted = read_axis(volume.texels, around, axis, _side(direction, axis))
         share = as_component(shares[axis] / voxel_size)
         extinction = dr.fma(share, depth, extinction)
@@ -132,7 +132,7 @@ def read_sample(
     around, _ = _around(volume, level, p_world)
     shares = _axis_shares(direction, weights)
     total = mi.Vector4f(0.0)
-    for axis in range(3):
+    for axis in filter(volume.texels.has_axis, range(3)):
         texel = _trilinear(volume.texels, around, axis, _side(direction, axis))
         total = dr.fma(as_component(shares[axis]), texel, total)
     emitted = mi.Color3f(total.x, total.y, total.z)
@@ -177,7 +177,7 @@ def read_surface(
     q = p_world * as_component(per_voxel)
     around = neighbourhood(volume.table, level, mi.Point3f(q - 0.5))
     total = mi.Vector4f(0.0)
-    for axis in range(3):
+    for axis in filter(volume.texels.has_axis, range(3)):
         slot = surface_slot(mi.Float(normal[axis]))
         layer = mi.Int32(dr.floor(q[axis] + as_component(mi.Float(slot.behind) * BEHIND_NUDGE)))
         is_held = active & around.is_held(layer, axis)

@@ -23,6 +23,7 @@ from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
 from vctgi.clipmap.neighbourhood import VoxelTexels
 from vctgi.clipmap.reduction import reduce_directions
 from vctgi.clipmap.slots import DEFAULT_RULE, SlotRule
+from vctgi.clipmap.stored_directions import StoredDirections, directions_of, select_directions
 from vctgi.clipmap.texture import build_texture
 from vctgi.maths.directions import DIRECTION_COUNT
 
@@ -162,7 +163,12 @@ def bytes_per_voxel(config: StorageConfig) -> int:
 
 
 def pack_volume(
-    opacity: OpacityClipmap, emittance: EmittanceClipmap, config: StorageConfig = StorageConfig()
+    opacity: OpacityClipmap,
+    emittance: EmittanceClipmap,
+    config: StorageConfig = StorageConfig(),
+    directions: StoredDirections | None = None,
+    *,
+    keeps_empty: bool = False,
 ) -> VoxelVolume:
     """Bring opacity and emittance of the same layout into the format that is read.
 
@@ -172,6 +178,10 @@ def pack_volume(
         What the voxels hold.
     config
         Format, directions and scale.
+    directions
+        Which of six directions are worth storing; None: as many as `config` says.
+    keeps_empty
+        Whether levels without opacity are stored, too.
 
     Raises
     ------
@@ -195,14 +205,18 @@ def pack_volume(
         )
     has_opacity = [dr.any(level > 0.0) for level in opacity.levels]
     dr.eval(has_opacity)
-    is_empty = [not bool(flag[0]) for flag in has_opacity]
+    is_empty = [not bool(flag[0]) and not keeps_empty for flag in has_opacity]
+    stored = directions or directions_of(config.direction_count)
     # Single precision holds whatever the stages wrote, so it is not searched for what it cannot.
     scale = None if config.format == "float32" else _find_scale(opacity, emittance, config)
 
     def texels_of(level: LevelLayout) -> LevelTexels:
         color = emittance.levels[level.level]
         texels = LevelTexels(color, opacity.levels[level.level], DIRECTION_COUNT)
-        texels = reduce_directions(texels, config.direction_count)
+        if directions is None:
+            texels = reduce_directions(texels, config.direction_count)
+        else:
+            texels = select_directions(texels, directions)
         if scale is not None:
             texels.emittance = texels.emittance * (1.0 / scale)
         return texels
@@ -210,11 +224,11 @@ def pack_volume(
     table = _stored_table(layout, is_empty)
     levels = list(layout.levels)
     if is_texture:
-        texture = build_texture(levels, is_empty, texels_of, config.direction_count)
+        texture = build_texture(levels, is_empty, texels_of, stored)
         return VoxelVolume(layout, table, texture)
 
     code = CODES[config.format]
-    slab_count = code.slab_count(config.direction_count)
+    slab_count = code.slab_count(stored.count)
     offsets = _stored_offsets(layout, is_empty)
     words = code.allocate(slab_count * offsets[-1])
     for level, empty, offset in zip(levels, is_empty, offsets[:-1], strict=True):
@@ -222,7 +236,7 @@ def pack_volume(
             code.encode(words, slab_count * offset, texels_of(level))
     dr.eval(words)
     device_scale = None if scale is None else dr.opaque(mi.Float, scale)
-    texels = GatheredTexels(code, words, table.voxel_offsets, config.direction_count, device_scale)
+    texels = GatheredTexels(code, words, table.voxel_offsets, stored, device_scale)
     return VoxelVolume(layout, table, texels)
 
 

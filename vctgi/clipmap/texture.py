@@ -28,9 +28,9 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.formats import TEXEL_CHANNELS, LevelTexels, half_texels
-from vctgi.clipmap.gathered import stored_slot
 from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.neighbourhood import Layer, Neighbourhood
+from vctgi.clipmap.stored_directions import StoredDirections
 from vctgi.maths.directions import other_axes
 from vctgi.maths.stub_gaps import as_component, as_mask
 
@@ -60,14 +60,14 @@ class TextureTexels:
     per_texel
         One texel along x, y, z in texture coordinates: an array, so that a texture of another size
         needs no other kernels.
-    direction_count
-        Stored directions: 6, 3 or 1.
+    directions
+        Which are stored, and where.
     """
 
     texture: Texture3f16
     slab_starts: mi.UInt32
     per_texel: mi.Vector3f
-    direction_count: int
+    directions: StoredDirections
 
     @property
     def byte_count(self) -> int:
@@ -80,6 +80,10 @@ class TextureTexels:
         sizes = [int(size) for size in self.texture.shape[:3]]
         return sum(0.5 * step + 2.5 * 2.0**-24 * size for size in sizes)
 
+    def has_axis(self, axis: int) -> bool:
+        """Whether there is anything to read for travel along an axis."""
+        return self.directions.has_axis(axis)
+
     def taps(
         self, around: Neighbourhood, layer: Layer, active: mi.Bool | bool = True
     ) -> Iterator[tuple[mi.Float, mi.Float, mi.Vector4f]]:
@@ -90,12 +94,12 @@ class TextureTexels:
         for axis in (u, v):
             places[axis], weights[axis] = _clamped(around, axis)
         start = dr.gather(mi.UInt32, self.slab_starts, around.level)
-        slot = stored_slot(layer, self.direction_count)
+        slot, is_stored = self.directions.find(layer)
         below = start + slot * (around.resolution + PADDING) + 1
         places[2] += mi.Float(below)
         centre = mi.Vector3f([as_component(places[axis] + 0.5) for axis in range(3)])
         position = mi.Point3f(centre * self.per_texel)
-        texel = self.texture.eval(position, as_mask(active))
+        texel = self.texture.eval(position, as_mask(active & is_stored))
         yield weights[u], weights[v], mi.Vector4f(*texel)
 
 
@@ -103,7 +107,7 @@ def build_texture(
     levels: list[LevelLayout],
     is_empty: list[bool],
     texels_of: Callable[[LevelLayout], LevelTexels],
-    direction_count: int,
+    directions: StoredDirections,
     *,
     use_accel: bool = True,
 ) -> TextureTexels:
@@ -117,8 +121,8 @@ def build_texture(
         Which of them hold nothing; they get a single voxel.
     texels_of
         The texels of a level.
-    direction_count
-        Stored directions: 6, 3 or 1.
+    directions
+        Which are stored, and where.
     use_accel
         Whether a GPU's texture units interpolate, or the same is computed.
 
@@ -130,7 +134,7 @@ def build_texture(
     edges = [
         1 if empty else level.resolution for level, empty in zip(levels, is_empty, strict=True)
     ]
-    starts, depth = stack_slabs(edges, direction_count)
+    starts, depth = stack_slabs(edges, directions.count)
     width = max(edges)
     words = dr.zeros(mi.Float16, TEXEL_CHANNELS * depth * width * width)
     for level, empty, start in zip(levels, is_empty, starts, strict=True):
@@ -146,7 +150,7 @@ def build_texture(
     )
     per_texel = mi.Vector3f(1.0 / width, 1.0 / width, 1.0 / depth)
     dr.make_opaque(per_texel)
-    return TextureTexels(texture, mi.UInt32(starts), per_texel, direction_count)
+    return TextureTexels(texture, mi.UInt32(starts), per_texel, directions)
 
 
 def stack_slabs(edges: list[int], direction_count: int) -> tuple[list[int], int]:

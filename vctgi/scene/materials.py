@@ -32,6 +32,9 @@ CONTRIBUTIONS = {
 }
 """By Mitsuba class: what a surface of this kind does in the voxels."""
 
+MASK = "MaskBSDF"
+"""Mitsuba class of alpha masks."""
+
 GENERIC_CONTRIBUTION = "not known by name: reflects the albedo that its sample() method gives"
 
 
@@ -51,6 +54,8 @@ class Material:
         Whether it has a diffuse reflection; glossy or mirror-like reflection.
     has_null
         Whether light passes it undeflected (mask, thin dielectric).
+    is_opaque_mask
+        Whether it is a mask that lets nothing through, and is read as what it masks.
     is_anisotropic
         Whether it has a glossy lobe that may be wider in one direction than across.
     is_known
@@ -65,10 +70,19 @@ class Material:
     has_null: bool
     is_known: bool
     is_anisotropic: bool = False
+    is_opaque_mask: bool = False
 
 
-def describe_material(bsdf: mi.BSDF) -> Material:
-    """Return which lobes a BSDF has and what it contributes."""
+def describe_material(bsdf: mi.BSDF, *, is_opaque_mask: bool = False) -> Material:
+    """Return which lobes a BSDF has and what it contributes.
+
+    Parameters
+    ----------
+    bsdf
+        Any BSDF.
+    is_opaque_mask
+        Whether it is known to be a mask that is opaque all over (`vctgi.scene.constants`).
+    """
     flags = bsdf.flags()
     nested = inside_two_sided(bsdf)
     kind = nested.class_name()
@@ -78,9 +92,10 @@ def describe_material(bsdf: mi.BSDF) -> Material:
         is_two_sided=bsdf.class_name() == "TwoSidedBRDF" or _has(flags, "BackSide"),
         has_diffuse=_has(flags, "DiffuseReflection"),
         has_specular=_has(flags, "GlossyReflection") or _has(flags, "DeltaReflection"),
-        has_null=_has(flags, "Null"),
+        has_null=_has(flags, "Null") and not is_opaque_mask,
         is_known=kind in CONTRIBUTIONS,
         is_anisotropic=_has(flags, "GlossyReflection") and _has(flags, "Anisotropic"),
+        is_opaque_mask=is_opaque_mask,
     )
 
 
@@ -92,6 +107,12 @@ def inside_two_sided(bsdf: mi.BSDF) -> mi.BSDF:
     """Return the BSDF within two-sided adapters."""
     if bsdf.class_name() != "TwoSidedBRDF":
         return bsdf
+    nested = nested_bsdfs(bsdf)
+    return nested[0] if nested else bsdf
+
+
+def nested_bsdfs(bsdf: mi.BSDF) -> list[mi.BSDF]:
+    """Return the BSDFs that one is made of."""
     nested: list[mi.BSDF] = []
 
     class Collector(mi.TraversalCallback):
@@ -100,4 +121,4 @@ def inside_two_sided(bsdf: mi.BSDF) -> mi.BSDF:
                 nested.append(value)
 
     bsdf.traverse(Collector())
-    return nested[0] if nested else bsdf
+    return nested

@@ -117,13 +117,8 @@ def prefilter_sky(environment: mi.Emitter, config: SkyConfig) -> PrefilteredSky:
     ValueError
         Its radiance is negative, infinite or no number somewhere.
     """
-    # The finest map is for cones as wide as two of its rows.
-    octaves = (config.resolution // 2).bit_length() - 1
-    finest = MAPS_PER_OCTAVE * octaves
-    rows = [
-        min(max(LEAST_ROWS, ROWS_PER_APERTURE << number // MAPS_PER_OCTAVE), config.resolution)
-        for number in range(finest + 1)
-    ]
+    rows = _rows_of_maps(config)
+    finest = len(rows) - 1
     maps: list[mi.Color3f] = [_cell_means(environment, config)]
     for number in reversed(range(finest)):
         source = min(number + SOURCE_STEP, finest)
@@ -143,6 +138,21 @@ def prefilter_sky(environment: mi.Emitter, config: SkyConfig) -> PrefilteredSky:
             "direction; correct its picture or its scale."
         )
     return sky
+
+
+def black_sky(config: SkyConfig) -> PrefilteredSky:
+    """Return what cones would look up that see nothing beyond the voxels."""
+    rows = _rows_of_maps(config)
+    return PrefilteredSky(dr.zeros(mi.Color3f, sum(2 * n * n for n in rows)), rows)
+
+
+def _rows_of_maps(config: SkyConfig) -> list[int]:
+    """Rows of each map; the finest is for cones as wide as two of its rows."""
+    octaves = (config.resolution // 2).bit_length() - 1
+    return [
+        min(max(LEAST_ROWS, ROWS_PER_APERTURE << number // MAPS_PER_OCTAVE), config.resolution)
+        for number in range(MAPS_PER_OCTAVE * octaves + 1)
+    ]
 
 
 def _direction(row: mi.Float, column: mi.Float, rows: int) -> mi.Vector3f:

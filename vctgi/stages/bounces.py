@@ -58,12 +58,16 @@ class BouncedLight:
     fluxes
         Flux that the voxels emit after each scattering, the injected light's first, W, mean of the
         channels.
+    left_out
+        Bound on the radiance that scatterings which were asked for, but not traced, would add to
+        any voxel, W m^-2 sr^-1.
     parts
         Emittance of each scattering, if it was asked for.
     """
 
     emittance: EmittanceClipmap
     fluxes: list[float]
+    left_out: float = 0.0
     parts: list[EmittanceClipmap] = field(default_factory=list)
 
 
@@ -97,9 +101,10 @@ def bounce_light(
     if keeps_parts:
         lit.parts.append(injected)
     last = injected
-    for _ in range(bounce_count):
+    for number in range(bounce_count):
         # Without any light the first flux is 0, and that is no more than a share of nothing.
         if lit.fluxes[-1] <= config.min_bounce_share * math.fsum(lit.fluxes[:-1]):
+            lit.left_out = further_radiance(last, surfaces, bounce_count - number)
             break
         last = reflect(last, surfaces, gather(last))
         lit.fluxes.append(emitted_flux(last, surfaces))
@@ -147,6 +152,39 @@ def emitted_flux(emittance: EmittanceClipmap, surfaces: Sequence[SlotSurfaces]) 
             face = math.pi * each.level.voxel_size**2
             total += face * float(dr.sum(mi.Float64(channel_mean(color)))[0])
     return total
+
+
+def further_radiance(last: EmittanceClipmap, surfaces: Sequence[SlotSurfaces], count: int) -> float:
+    """Return a bound on what further scatterings add to the radiance of any voxel.
+
+    Parameters
+    ----------
+    last
+        Light of the last scattering that was traced.
+    surfaces
+        The surfaces behind the slots of each clip level.
+    count
+        Scatterings after it.
+
+    Notes
+    -----
+    Cones mix radiances with weights that sum to 1 at most: a step adds the radiance of what stops
+    it, times the share that it stops, and the weights of a cone set sum to 1. So no slot gathers
+    more than the brightest slot sends, and it reflects its albedo of that: each scattering is at
+    most a times as bright as the one before, a the largest albedo, and `count` of them add
+    a + a^2 + .. + a^count times the brightest radiance of the last. Rounding in single precision
+    comes on top.
+    """
+    brightest = albedo = 0.0
+    for each in surfaces:
+        if each.count:
+            color = dr.gather(mi.Color3f, last.levels[each.level.level], each.index)
+            radiance = dr.detach(color / as_component(each.opacity))
+            brightest = max(brightest, float(dr.max(dr.max(radiance))[0]))
+            albedo = max(albedo, float(dr.max(dr.max(dr.detach(each.albedo)))[0]))
+    if albedo == 1.0:
+        return brightest * count
+    return brightest * albedo * (1.0 - albedo**count) / (1.0 - albedo)
 
 
 def slot_receivers(surfaces: SlotSurfaces) -> GBuffer:

@@ -121,7 +121,9 @@ def downsample_regions(
         target = slot * coarser.voxel_count + texel_from_voxel(parent, coarser.resolution)
         # Windows are snapped so that the first child decides for all eight.
         is_covered = is_inside(2 * parent, finer)
-        columns = _columns(parent, slot, finer)
+        columns = _columns(parent, slot if mips == "columns" else mi.UInt32(0), finer)
+        if mips == "average":
+            columns = _in_slot(columns, slot, finer)
         alpha, shares = _merge_opacity(columns, merged.levels[finer.level], mips)
         own = dr.gather(mi.Float, opacity.levels[coarser.level], target, ~is_covered)
         dr.scatter(merged.levels[coarser.level], dr.select(is_covered, alpha, own), target)
@@ -168,6 +170,15 @@ def _columns(parent: mi.Vector3i, slot: mi.UInt32, finer: LevelLayout) -> _Colum
                 pair.append(base + texel_from_voxel(mi.Vector3i(child), finer.resolution))
             texels.append((pair[0], pair[1]))
     return _Columns(texels)
+
+
+def _in_slot(columns: _Columns, slot: mi.UInt32, finer: LevelLayout) -> _Columns:
+    """Return the places in a slot of children that were found for the first one.
+
+    A mean over children in one order for all slots keeps slots alike that are.
+    """
+    start = slot * finer.voxel_count
+    return _Columns([(front + start, back + start) for front, back in columns.texels])
 
 
 def _merge_opacity(

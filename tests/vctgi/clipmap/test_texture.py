@@ -20,6 +20,7 @@ from vctgi.clipmap.neighbourhood import Layer, neighbourhood
 from vctgi.clipmap.reduction import reduce_directions
 from vctgi.clipmap.sampling import OPTICAL_DEPTH_CAP, read_medium
 from vctgi.clipmap.storage import StorageConfig, VoxelVolume, pack_volume
+from vctgi.clipmap.stored_directions import directions_of
 from vctgi.clipmap.texture import MAX_TEXTURE_DEPTH, TextureTexels, build_texture, stack_slabs
 from vctgi.maths.stub_gaps import as_component
 
@@ -51,7 +52,7 @@ def both(direction_count: int, empty: tuple[int, ...] = ()) -> tuple[VoxelVolume
     is_gpu = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
     is_empty = [level in empty for level in range(len(where.levels))]
     texture = build_texture(
-        list(where.levels), is_empty, texels_of, direction_count, use_accel=is_gpu
+        list(where.levels), is_empty, texels_of, directions_of(direction_count), use_accel=is_gpu
     )
     config = StorageConfig(format="float16", direction_count=direction_count)
     arrays = pack_volume(opacity, emittance, config)

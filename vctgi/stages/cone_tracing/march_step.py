@@ -100,7 +100,7 @@ def step_at(
         Length of the step, world units.
     """
     layout = volume.layout
-    last = len(layout.levels) - 1
+    last = layout.last_read_level
     level = level_read(layout, p_world, footprint, config)
     finer = dr.minimum(mi.UInt32(level), max(last - 1, 0))
     coarser = dr.minimum(finer + 1, last)
@@ -134,7 +134,7 @@ def level_read(
         # The logarithm of a footprint of 0 has no derivative; no level is as fine as this.
         footprint = dr.maximum(footprint, SMALLEST_FOOTPRINT * layout.finest_voxel_size)
     wanted = dr.log2(footprint / layout.finest_voxel_size) + config.level_bias
-    last = float(len(layout.levels) - 1)
+    last = float(layout.last_read_level)
     return mi.Float(dr.clip(dr.maximum(wanted, finest_level(layout, p_world)), 0.0, last))
 
 
@@ -171,9 +171,9 @@ def finest_level(layout: ClipmapLayout, p_world: mi.Point3f) -> mi.Float:
     Returns
     -------
     mi.Float
-        Level in [0, clip_level_count - 1].
+        Level in [0, read_clip_level_count - 1].
     """
-    last = layout.clip_level_count - 1
+    last = layout.read_clip_level_count - 1
     if last == 0:
         return mi.Float(0.0)
     offset = dr.abs(p_world - mi.Point3f(*layout.centre))

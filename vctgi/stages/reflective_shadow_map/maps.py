@@ -62,7 +62,7 @@ def render_reflective_shadow_maps(
     lamps = [index for index, light in enumerate(lights) if not light.is_infinite]
     distant = [index for index, light in enumerate(lights) if light.is_infinite]
     wanted = math.ceil(config.texels_per_voxel * layout.resolution) ** 2
-    affordable = _affordable(len(lamps) + layout.clip_level_count * len(distant), config)
+    affordable = _affordable(len(lamps) + layout.read_clip_level_count * len(distant), config)
     maps = []
     if lamps:
         most = min(affordable * len(lamps), wanted * config.full_lamp_count)

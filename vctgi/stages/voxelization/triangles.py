@@ -31,7 +31,7 @@ class DeviceTriangles:
     normal
         Flat unit geometric normals [axis, triangle]; exactly 0 where a component is rounding.
     uv
-        Three texture coordinates.
+        Three texture coordinates; none where nothing reads them.
     count
         Number of triangles.
     mask
@@ -48,9 +48,22 @@ class DeviceTriangles:
     mask: mi.UInt32 | None
 
 
-def upload_triangles(surfaces: VoxelSurfaces) -> DeviceTriangles:
-    """Copy surfaces to the device."""
-    vertices, has_masks = surfaces.vertices, bool(surfaces.masks)
+def upload_triangles(
+    surfaces: VoxelSurfaces, *, has_uv: bool = True, has_masks: bool | None = None
+) -> DeviceTriangles:
+    """Copy surfaces to the device.
+
+    Parameters
+    ----------
+    surfaces
+        What is voxelized.
+    has_uv
+        Whether their texture coordinates are read.
+    has_masks
+        Whether they are tested for alpha; None: if any has a mask.
+    """
+    vertices = surfaces.vertices
+    has_masks = bool(surfaces.masks) if has_masks is None else has_masks
     # The last number belongs to no mask, whose index is -1.
     numbers = np.array([*map(registry_number, surfaces.masks), NO_MASK], dtype=np.uint32)
     return DeviceTriangles(
@@ -63,6 +76,7 @@ def upload_triangles(surfaces: VoxelSurfaces) -> DeviceTriangles:
         uv=[
             mi.Point2f(np.ascontiguousarray(surfaces.uv[:, corner].T.astype(np.float32)))
             for corner in range(3)
+            if has_uv or has_masks
         ],
         count=len(vertices),
         mask=mi.UInt32(numbers[surfaces.mask_index]) if has_masks else None,

@@ -1,0 +1,93 @@
+"""Whether a scene changed since an earlier frame: its parameters, compared without reading them.
+
+An array that nobody wrote to is the same variable of Dr.Jit's, so large ones are compared by its
+number; the state holds them, so no other array can be given the number meanwhile. Small ones are
+compared by value. A scene may count as changed that is not, never the other way round: what Mitsuba
+does not expose as a parameter cannot be changed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+COMPARED_BY_VALUE = 64
+"""Numbers of a parameter up to which they are compared themselves."""
+
+
+@dataclass(frozen=True)
+class SceneState:
+    """The parameters of a scene and of its camera as they were.
+
+    Attributes
+    ----------
+    scene, sensor
+        Whose they are.
+    parameters
+        By name.
+    """
+
+    scene: mi.Scene
+    sensor: mi.Sensor
+    parameters: dict[str, object]
+
+    def is_same(self, other: SceneState) -> bool:
+        """Whether nothing changed from one state to the other."""
+        return (
+            self.scene == other.scene
+            and self.sensor == other.sensor
+            and self.parameters.keys() == other.parameters.keys()
+            and all(
+                _is_same(held, other.parameters[name]) for name, held in self.parameters.items()
+            )
+        )
+
+
+def scene_state(scene: mi.Scene, sensor: mi.Sensor) -> SceneState:
+    """Return the parameters of a scene and a camera, which need not be one of the scene's own."""
+    parameters = {}
+    for prefix, part in (("scene", scene), ("sensor", sensor)):
+        for name, held in mi.traverse(part).items():  # type: ignore[no-untyped-call]
+            parameters[f"{prefix}.{name}"] = _own(held)
+    return SceneState(scene, sensor, parameters)
+
+
+def _own(held: Any) -> object:
+    """Return a parameter as it is now: what Mitsuba hands out changes with the scene.
+
+    The copy of an array is another name of the same variable, until one of the two is written to.
+    """
+    return type(held)(held) if dr.is_jit_v(held) else _copied(held)
+
+
+def _copied(held: object) -> object:
+    """Return the numbers of a parameter, or what is neither number nor array as it is."""
+    values = np.array(getattr(held, "matrix", held))
+    return held if values.dtype == object else values
+
+
+def _is_same(first: object, second: object) -> bool:
+    if dr.is_jit_v(first) and dr.is_jit_v(second):
+        if dr.grad_enabled(first, second) or dr.width(first) != dr.width(second):
+            return False
+        if _variables(first) == _variables(second):
+            return True
+        if dr.width(first) > COMPARED_BY_VALUE:
+            return False
+        first, second = _copied(first), _copied(second)
+    if isinstance(first, np.ndarray) and isinstance(second, np.ndarray):
+        return np.array_equal(first, second)
+    return type(first) is type(second) and bool(first == second)
+
+
+def _variables(held: Any) -> list[int]:
+    """Numbers of Dr.Jit's variables that an array consists of."""
+    if dr.is_tensor_v(held):
+        held = held.array
+    if dr.depth_v(held) > 1:
+        return [number for part in held for number in _variables(part)]
+    return [int(held.index)]
