@@ -14,8 +14,9 @@ from typing import Literal, get_args
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
-from vctgi.clipmap.addressing import LevelTable
+from vctgi.clipmap.addressing import LevelTable, level_table
 from vctgi.clipmap.formats import FloatCode, LevelTexels, TexelCode
 from vctgi.clipmap.gathered import GatheredTexels
 from vctgi.clipmap.integer_formats import ByteCode, PackedCode
@@ -193,9 +194,7 @@ def pack_volume(
             'StorageConfig.format "texture16" needs the texture units of a GPU, and the variant '
             f'is {mi.variant()}: set a CUDA variant, or use the format "float16".'
         )
-    has_opacity = [dr.any(level > 0.0) for level in opacity.levels]
-    dr.eval(has_opacity)
-    is_empty = [not bool(flag[0]) for flag in has_opacity]
+    is_empty = _empty_levels(opacity)
     # Single precision holds whatever the stages wrote, so it is not searched for what it cannot.
     scale = None if config.format == "float32" else _find_scale(opacity, emittance, config)
 
@@ -207,7 +206,8 @@ def pack_volume(
             texels.emittance = texels.emittance * (1.0 / scale)
         return texels
 
-    table = _stored_table(layout, is_empty)
+    offsets = _stored_offsets(layout, is_empty)
+    table = level_table(layout, is_empty, offsets[:-1])
     levels = list(layout.levels)
     if is_texture:
         texture = build_texture(levels, is_empty, texels_of, config.direction_count)
@@ -215,7 +215,6 @@ def pack_volume(
 
     code = CODES[config.format]
     slab_count = code.slab_count(config.direction_count)
-    offsets = _stored_offsets(layout, is_empty)
     words = code.allocate(slab_count * offsets[-1])
     for level, empty, offset in zip(levels, is_empty, offsets[:-1], strict=True):
         if not empty:
@@ -273,17 +272,18 @@ def _find_scale(
     return config.scale
 
 
+def _empty_levels(opacity: OpacityClipmap) -> list[bool]:
+    """Return which levels have no opacity at all."""
+    # Opacities are 0 or more, so the largest tells; all levels answer at once.
+    largest = [dr.max(dr.detach(level)) for level in opacity.levels]
+    dr.eval(largest)
+    held = dr.concat(largest)
+    return [not largest > 0.0 for largest in np.array(held)]
+
+
 def _stored_offsets(layout: ClipmapLayout, is_empty: list[bool]) -> list[int]:
     """Voxels stored before each level, and of all levels; a level without opacity is one voxel."""
     offsets = [0]
     for level, empty in zip(layout.levels, is_empty, strict=True):
         offsets.append(offsets[-1] + (1 if empty else level.voxel_count))
     return offsets
-
-
-def _stored_table(layout: ClipmapLayout, is_empty: list[bool]) -> LevelTable:
-    """Return the windows that are stored: those of levels without opacity shrink to one voxel."""
-    rows: list[int] = []
-    for level, empty in zip(layout.levels, is_empty, strict=True):
-        rows += [0, 0, 0, 0] if empty else [*level.origin, level.resolution.bit_length() - 1]
-    return LevelTable(mi.Int32(rows), mi.UInt32(_stored_offsets(layout, is_empty)[:-1]))

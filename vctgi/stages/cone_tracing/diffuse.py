@@ -216,8 +216,7 @@ def _world_axes(
 
 def _above(volume: VoxelVolume, apex: mi.Point3f, normal: mi.Vector3f, voxels: float) -> mi.Point3f:
     """Return points lifted off their surface, by voxels of the finest level that holds them."""
-    layout = volume.layout
-    distance = voxels * layout.finest_voxel_size * dr.exp2(finest_level(layout, apex))
+    distance = voxels * volume.layout.finest_voxel_size * dr.exp2(finest_level(volume, apex))
     return mi.Point3f(dr.fma(normal, as_component(distance), apex))
 
 
