@@ -7,7 +7,7 @@ the other. Positions are XYZ; storage order within a level is [z, y, x].
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import drjit as dr
@@ -107,12 +107,22 @@ def voxel_from_position(p_world: mi.Point3f, level: LevelLayout) -> mi.Vector3i:
 
 def is_inside(voxel: mi.Vector3i, level: LevelLayout) -> mi.Bool:
     """Whether `voxel` lies in the window of `level`."""
-    inside = mi.Bool(True)
-    for axis in range(3):
-        # Opaque, so that a window that moves compiles nothing; unsigned tests both ends at once.
-        origin = dr.opaque(mi.Int32, level.origin[axis])
-        inside &= mi.UInt32(voxel[axis] - origin) < level.resolution
-    return inside
+    return window_test(level)(voxel)
+
+
+def window_test(level: LevelLayout) -> Callable[[mi.Vector3i], mi.Bool]:
+    """Return what tells whether voxels lie in the window of `level`, for more than one use."""
+    # Opaque, so that a window that moves compiles nothing.
+    origin = [dr.opaque(mi.Int32, each) for each in level.origin]
+
+    def holds(voxel: mi.Vector3i) -> mi.Bool:
+        inside = mi.Bool(True)
+        for axis in range(3):
+            # Unsigned tests both ends at once.
+            inside &= mi.UInt32(voxel[axis] - origin[axis]) < level.resolution
+        return inside
+
+    return holds
 
 
 def texel_from_voxel(voxel: mi.Vector3i, resolution: int) -> mi.UInt32:
