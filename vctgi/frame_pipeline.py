@@ -339,12 +339,15 @@ def _tensors(
 ) -> dict[str, mi.TensorXf]:
     """Return pictures, each with its channels side by side."""
     pixel = dr.arange(mi.UInt32, width * height)
-    tensors = {}
+    flats = {}
     for name, planes in channels.items():
         count = len(planes)
-        flat = dr.empty(mi.Float, width * height * count)
+        flats[name] = dr.empty(mi.Float, width * height * count)
         for number, plane in enumerate(planes):
-            dr.scatter(flat, plane, pixel * count + number)
-        tensors[name] = mi.TensorXf(flat, (height, width, count))
-    dr.eval(tensors)
-    return tensors
+            dr.scatter(flats[name], plane, pixel * count + number)
+    # All in one launch, which a tensor of its own would end.
+    dr.eval(flats)
+    return {
+        name: mi.TensorXf(flat, (height, width, len(channels[name])))
+        for name, flat in flats.items()
+    }

@@ -19,6 +19,7 @@ from vctgi.stages.cone_tracing.diffuse_config import DiffuseConesConfig as Diffu
 from vctgi.stages.cone_tracing.diffuse_config import Rotation as Rotation
 from vctgi.stages.cone_tracing.march import finest_level, march_cone
 from vctgi.stages.cone_tracing.near_field import trace_near_field
+from vctgi.stages.cone_tracing.passes import trace_in_passes
 from vctgi.stages.cone_tracing.tally import SampleTally
 
 
@@ -57,21 +58,14 @@ def trace_diffuse(
         reflected to the viewer is this times the albedo.
     """
     cones = config.cones()
-    points = dr.width(gbuffer.position)
-    block = max(1, MAX_CONES_PER_PASS // cones.cone_count)
-    if points <= block:
-        return _trace_block(gbuffer, volume, cones, config, scene, sky, tally, parameters)
-    gathered = dr.zeros(mi.Color3f, points)
-    for begin in range(0, points, block):
-        index = dr.arange(mi.UInt32, min(block, points - begin)) + begin
-        part = dr.gather(GBuffer, gbuffer, index)
-        light = _trace_block(part, volume, cones, config, scene, sky, tally, parameters)
-        dr.scatter(gathered, light, index)
-        dr.eval(gathered)
-    return gathered
+
+    def trace(part: GBuffer) -> mi.Color3f:
+        return _trace_pass(part, volume, cones, config, scene, sky, tally, parameters)
+
+    return trace_in_passes(gbuffer, cones.cone_count, trace)
 
 
-def _trace_block(
+def _trace_pass(
     gbuffer: GBuffer,
     volume: VoxelVolume,
     cones: ConeSet,
@@ -233,9 +227,6 @@ def _cosine_shares(
     total = dr.select(total > 0.0, total, 1.0)
     return dr.maximum(cosine, 0.0) / dr.gather(mi.Float, total, point)
 
-
-MAX_CONES_PER_PASS = 1 << 25
-"""Cones that are traced at a time; bounds the memory of a pass."""
 
 ROTATION_STREAM, PHASE_STREAM = 100, 200
 """Hash streams of the cones' rotation and, from the second on, of each cone's phase."""
