@@ -151,6 +151,11 @@ class VoxelVolume:
         """Bytes of the voxels."""
         return self.texels.byte_count
 
+    @property
+    def has_derivatives(self) -> bool:
+        """Whether any of the voxels has."""
+        return isinstance(self.texels, GatheredTexels) and bool(dr.grad_enabled(self.texels.words))
+
 
 def bytes_per_voxel(config: StorageConfig) -> int:
     """Return the bytes that a voxel takes, all directions together.

@@ -16,8 +16,9 @@ import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.cones import ratio_from_aperture, ring_cone_set, ring_sizes
+from vctgi.maths.constant_tables import float_table
 from vctgi.maths.directions import random_unit
-from vctgi.scene.extent import half_extent
+from vctgi.scene.extent import longest_edge
 from vctgi.scene.records import GBuffer
 from vctgi.stages.cone_tracing.live_march import AnyMarch, LiveMarch
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, march_cone
@@ -109,7 +110,7 @@ def trace_ambient(
     [Panteleev2014], slide "Performance"; the exponential falloff is that of obscurance
     [Zhukov1998].
     """
-    length = config.range_in(2.0 * float(half_extent(scene)[0]))
+    length = config.range_in(longest_edge(scene))
     march: AnyMarch = replace(config.march, falloff_length=length)
     reach: float | mi.Float = length
     if range_scale is not None:
@@ -145,12 +146,12 @@ def _trace_pass(
     turn = 2.0 * math.pi * random_unit(sample_index, ROTATION_STREAM)
     sin, cos = dr.sincos(turn if config.is_rotated else mi.Float(0.0))
     x, y, z = (
-        dr.gather(mi.Float, mi.Float([d[axis] for d in cones.directions]), number)
+        dr.gather(mi.Float, float_table(tuple(d[axis] for d in cones.directions)), number)
         for axis in range(3)
     )
     local = mi.Vector3f(cos * x - sin * y, sin * x + cos * y, z)
     axis = mi.Vector3f(mi.Frame3f(normal).to_world(local))
-    ratios = mi.Float([ratio_from_aperture(each) for each in cones.apertures])
+    ratios = float_table(tuple(ratio_from_aperture(each) for each in cones.apertures))
     jitter = random_unit(sample_index, PHASE_STREAM + number) if config.is_jittered else 0.0
     hidden, begin = mi.Float(0.0), mi.Float(0.0)
     if config.near_field_voxels > 0.0:

@@ -10,6 +10,7 @@ import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.cones import GOLDEN_TURN, ConeSet, ratio_from_aperture
+from vctgi.maths.constant_tables import float_table
 from vctgi.maths.directions import random_unit
 from vctgi.maths.stub_gaps import as_component
 from vctgi.scene.records import GBuffer
@@ -97,7 +98,7 @@ def _trace_pass(
     if sky is not None:
         # Cones that hit something nearby are not active any more: they see no sky.
         if parameters is None:
-            aperture = dr.gather(mi.Float, mi.Float(list(cones.apertures)), cone)
+            aperture = dr.gather(mi.Float, float_table(tuple(cones.apertures)), cone)
         else:
             aperture = parameters.lane_apertures(cone)
         beyond = sky.read(axis, aperture) * as_component(traced.transmittance)
@@ -160,9 +161,9 @@ def diffuse_lanes(
     point, cone = lane % points, lane // points
     sample_index = dr.gather(mi.UInt32, gbuffer.sample_index, point)
     if parameters is None:
-        axes = ([d[i] for d in cones.directions] for i in range(3))
-        axis_local = mi.Vector3f(*(dr.gather(mi.Float, mi.Float(each), cone) for each in axes))
-        ratios = mi.Float([ratio_from_aperture(a) for a in cones.apertures])
+        axes = (tuple(d[i] for d in cones.directions) for i in range(3))
+        axis_local = mi.Vector3f(*(dr.gather(mi.Float, float_table(each), cone) for each in axes))
+        ratios = float_table(tuple(ratio_from_aperture(a) for a in cones.apertures))
         ratio = dr.gather(mi.Float, ratios, cone)
     else:
         azimuths = mi.Float([math.atan2(y, x) for x, y, _ in cones.directions])
