@@ -84,8 +84,20 @@ class TraceCache:
         if recorded is None:
             recorded = _Recorded(function, kept_tables())
             self._frozen[key] = recorded
-        found: Found = recorded.frozen(recorded.tables, *inputs)
+        try:
+            found: Found = recorded.frozen(recorded.tables, *inputs)
+        except RuntimeError as error:
+            if OTHER_OBJECTS not in str(error):
+                raise
+            # Objects of any scene came or went, which a recording counts.
+            recorded = _Recorded(function, kept_tables())
+            self._frozen[key] = recorded
+            found = recorded.frozen(recorded.tables, *inputs)
         return found
+
+
+OTHER_OBJECTS = "number of registry entries"
+"""What Dr.Jit says where Mitsuba has more or fewer objects than there were at the recording."""
 
 
 class _Recorded:
