@@ -19,7 +19,14 @@ from experiments.studies.pareto.clocks import Render
 from experiments.studies.pareto.methods import Method
 from vctgi.clipmap.levels import move_clipmap
 from vctgi.config import RenderConfig
-from vctgi.pipeline import Frame, PreparedScene, SceneVoxels, update_voxels, voxelize_scene
+from vctgi.pipeline import (
+    Frame,
+    LitVolume,
+    PreparedScene,
+    SceneVoxels,
+    update_voxels,
+    voxelize_scene,
+)
 from vctgi.trace_cache import TraceCache
 
 STILL, CAMERA, LIGHTS = "still", "moving camera", "moving lights"
@@ -56,7 +63,7 @@ class LitScene:
 
     prepared: PreparedScene
     voxels: SceneVoxels
-    lit: vctgi.pipeline.LitVolume
+    lit: LitVolume
     cache: TraceCache = field(default_factory=TraceCache)
 
     @classmethod
@@ -72,7 +79,11 @@ class LitScene:
         return lambda seed: self._frame(self.prepared, self.lit, config, seed)
 
     def _frame(
-        self, prepared: PreparedScene, lit: vctgi.pipeline.LitVolume, config: RenderConfig, seed: int
+        self,
+        prepared: PreparedScene,
+        lit: LitVolume,
+        config: RenderConfig,
+        seed: int,
     ) -> Frame:
         return vctgi.render_frame(prepared, lit.volume, config, seed=seed, cache=self.cache)
 
