@@ -7,7 +7,7 @@ diffuse, specular -> composite = a sample of each pixel; their mean = frame
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 
 import drjit as dr
@@ -250,10 +250,16 @@ class _Tracing:
         self.cache, self.key = cache, cache.key_of(self.prepared, self.config)
         self.volume = with_windows_at_origin(self.volume)
 
-    def at(self, scene: mi.Scene, volume: VoxelVolume, sky: PrefilteredSky | None) -> _Tracing:
-        """Return the same with these inputs, to be kept."""
-        prepared = replace(self.prepared, scene=scene, sky=sky)
-        return _Tracing(prepared, volume, self.config, no_clock, None, None)
+    @property
+    def at(self) -> Callable[[mi.Scene, VoxelVolume, PrefilteredSky | None], _Tracing]:
+        """What returns the same with other inputs, and keeps no voxels of these."""
+        prepared, config = self.prepared, self.config
+
+        def at(scene: mi.Scene, volume: VoxelVolume, sky: PrefilteredSky | None) -> _Tracing:
+            here = replace(prepared, scene=scene, sky=sky)
+            return _Tracing(here, volume, config, no_clock, None, None)
+
+        return at
 
     @property
     def inputs(self) -> tuple[mi.Scene, VoxelVolume, PrefilteredSky | None]:
@@ -286,6 +292,7 @@ def _gather_light(
 ) -> IndirectLight:
     """Trace the specular cones of points, and add the diffuse light E / pi that they have."""
     if tracing.cache is not None:
+        at = tracing.at
 
         def gathered(
             scene: mi.Scene,
@@ -294,7 +301,7 @@ def _gather_light(
             gbuffer: GBuffer,
             incident: mi.Color3f,
         ) -> IndirectLight:
-            return _gather_light(tracing.at(scene, volume, sky), gbuffer, incident, film)
+            return _gather_light(at(scene, volume, sky), gbuffer, incident, film)
 
         with tracing.clock("specular cones"):
             key = ("light", tracing.key, film)
@@ -339,11 +346,12 @@ def _gatherer(tracing: _Tracing) -> Gather:
 
     def kept(gbuffer: GBuffer) -> mi.Color3f:
         assert tracing.cache is not None, "only what is kept comes here"
+        at = tracing.at
 
         def gathered(
             scene: mi.Scene, volume: VoxelVolume, sky: PrefilteredSky | None, gbuffer: GBuffer
         ) -> mi.Color3f:
-            return _gatherer(tracing.at(scene, volume, sky))(gbuffer)
+            return _gatherer(at(scene, volume, sky))(gbuffer)
 
         with tracing.clock("diffuse cones"):
             key = ("cones", tracing.key, dr.width(gbuffer.position))
