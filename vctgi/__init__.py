@@ -19,5 +19,6 @@ from vctgi.pipeline import light_volume as light_volume
 from vctgi.pipeline import prepare_scene as prepare_scene
 from vctgi.pipeline import render_frame as render_frame
 from vctgi.probes import probe_irradiance as probe_irradiance
+from vctgi.trace_cache import TraceCache as TraceCache
 
 _register()

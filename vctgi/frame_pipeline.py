@@ -7,19 +7,28 @@ diffuse, specular -> composite = a sample of each pixel; their mean = frame
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.config import RenderConfig
+from vctgi.frame_channels import (
+    accumulate,
+    ambient_sample,
+    light_sample,
+    surfaces,
+    tensors,
+)
 from vctgi.maths.directions import kronecker_points, random_bits, random_unit
 from vctgi.maths.evaluation import evaluated
 from vctgi.maths.stub_gaps import as_component
 from vctgi.parameters import ConeParameters
 from vctgi.prepared import PreparedScene, StageClock, no_clock
 from vctgi.scene.records import FilmSample, GBuffer
+from vctgi.scene.sky import PrefilteredSky
 from vctgi.specular_pipeline import gather_specular
 from vctgi.stages.composite import IndirectLight, composite
 from vctgi.stages.cone_tracing.ambient import trace_ambient
@@ -28,6 +37,8 @@ from vctgi.stages.cone_tracing.tally import FrameTally as FrameTally
 from vctgi.stages.gbuffer import trace_gbuffer
 from vctgi.stages.reconstruction.interpolation import Gather, interpolate, refine, trace_sparse
 from vctgi.stages.reconstruction.sparse_pixels import SparseGrid
+from vctgi.trace_cache import TraceCache as TraceCache
+from vctgi.trace_cache import with_windows_at_origin
 
 
 @dataclass
@@ -73,6 +84,7 @@ def render_frame(
     seed: int = 0,
     tally: FrameTally | None = None,
     parameters: ConeParameters | None = None,
+    cache: TraceCache | None = None,
 ) -> Frame:
     """Render the indirect light of a picture, or its ambient occlusion.
 
@@ -93,17 +105,21 @@ def render_frame(
         and the kernels are those of a frame that never is.
     parameters
         Values that go before the numbers of `config`, for derivatives; None: those numbers.
+    cache
+        Kept by the caller for the next frame, which then need not be traced in Python. Not for
+        frames that are counted or have derivatives; None: every frame is traced.
 
     Raises
     ------
     ValueError
-        Parameters out of their bounds.
+        Parameters out of their bounds; a cache with a tally, parameters or derivatives.
     """
     width, height = (int(n) for n in prepared.sensor.film().crop_size())
     count = config.samples_per_pixel
     is_ambient = config.mode == "ambient"
     pixel = dr.arange(mi.UInt32, width * height)
     tracing = _Tracing(prepared, volume, config, clock, tally, parameters)
+    tracing.keep_in(cache)
     gather = _gatherer(tracing)
     sums: dict[str, list[mi.Float]] = {}
     first, traced, refined_count = {}, None, 0
@@ -114,9 +130,9 @@ def render_frame(
             dr.opaque(mi.UInt32, number)
         )
         with clock("G-buffer"):
-            gbuffer = visible_points(prepared, config, place, sample_index)
+            gbuffer = _visible_points(tracing, place, sample_index)
         if number == 0:
-            first = _surfaces(gbuffer)
+            first = surfaces(gbuffer)
         if config.reconstruction.sparsity == 1:
             incident = gather(gbuffer)
         else:
@@ -129,22 +145,22 @@ def render_frame(
             incident = refine(gbuffer, found, gather)
             refined_count += dr.width(found.alone)
         if is_ambient:
-            sample = _ambient_sample(gbuffer, incident)
+            sample = ambient_sample(gbuffer, incident)
         else:
             film = FilmSample(width, number)
             light = _gather_light(tracing, gbuffer, incident, film)
-            sample = _light_sample(gbuffer, light)
-        _accumulate(sums, sample, count)
-    tensors = _tensors({**sums, **first}, width, height)
+            sample = light_sample(gbuffer, light)
+        accumulate(sums, sample, count)
+    pictures = tensors({**sums, **first}, width, height)
     return Frame(
-        indirect_diffuse=tensors["indirect_diffuse"],
-        indirect_specular=tensors["indirect_specular"],
-        albedo=tensors["albedo"],
-        normal=tensors["normal"],
-        depth=tensors["depth"],
-        position=tensors["position"],
-        surface_normal=tensors["surface_normal"],
-        ambient=tensors.get("ambient"),
+        indirect_diffuse=pictures["indirect_diffuse"],
+        indirect_specular=pictures["indirect_specular"],
+        albedo=pictures["albedo"],
+        normal=pictures["normal"],
+        depth=pictures["depth"],
+        position=pictures["position"],
+        surface_normal=pictures["surface_normal"],
+        ambient=pictures.get("ambient"),
         refined_share=refined_count / (width * height * count),
     )
 
@@ -215,16 +231,81 @@ class _Tracing:
     clock: StageClock
     tally: FrameTally | None
     parameters: ConeParameters | None
+    cache: TraceCache | None = None
+    key: Hashable = None
 
     def __post_init__(self) -> None:
         if self.parameters is not None:
             self.parameters.check_bounds()
+
+    def keep_in(self, cache: TraceCache | None) -> None:
+        """Keep what is traced."""
+        if cache is None:
+            return
+        if self.tally is not None or self.parameters is not None or self.volume.has_derivatives:
+            raise ValueError(
+                "render_frame: a frame that is counted or has derivatives is traced anew each "
+                "time; leave out `cache`."
+            )
+        self.cache, self.key = cache, cache.key_of(self.prepared, self.config)
+        self.volume = with_windows_at_origin(self.volume)
+
+    @property
+    def at(self) -> Callable[[mi.Scene, VoxelVolume, PrefilteredSky | None], _Tracing]:
+        """What returns the same with other inputs, and keeps no voxels of these."""
+        prepared, config = self.prepared, self.config
+
+        def at(scene: mi.Scene, volume: VoxelVolume, sky: PrefilteredSky | None) -> _Tracing:
+            here = replace(prepared, scene=scene, sky=sky)
+            return _Tracing(here, volume, config, no_clock, None, None)
+
+        return at
+
+    @property
+    def inputs(self) -> tuple[mi.Scene, VoxelVolume, PrefilteredSky | None]:
+        """What `at` takes."""
+        return self.prepared.scene, self.volume, self.prepared.sky
+
+
+def _visible_points(tracing: _Tracing, place: mi.Point2f, sample_index: mi.UInt32) -> GBuffer:
+    prepared, config = tracing.prepared, tracing.config
+    if tracing.cache is None:
+        return visible_points(prepared, config, place, sample_index)
+
+    def visible(
+        scene: mi.Scene,
+        sensor: mi.Sensor,
+        kinds: mi.UInt32 | None,
+        place: mi.Point2f,
+        sample_index: mi.UInt32,
+    ) -> GBuffer:
+        here = replace(prepared, scene=scene, sensor=sensor, lobe_kinds=kinds)
+        return visible_points(here, config, place, sample_index)
+
+    scene, sensor, kinds = prepared.scene, prepared.sensor, prepared.lobe_kinds
+    key = ("visible points", tracing.key)
+    return tracing.cache.run(key, visible, scene, sensor, kinds, place, sample_index)
 
 
 def _gather_light(
     tracing: _Tracing, gbuffer: GBuffer, incident: mi.Color3f, film: FilmSample | None
 ) -> IndirectLight:
     """Trace the specular cones of points, and add the diffuse light E / pi that they have."""
+    if tracing.cache is not None:
+        at = tracing.at
+
+        def gathered(
+            scene: mi.Scene,
+            volume: VoxelVolume,
+            sky: PrefilteredSky | None,
+            gbuffer: GBuffer,
+            incident: mi.Color3f,
+        ) -> IndirectLight:
+            return _gather_light(at(scene, volume, sky), gbuffer, incident, film)
+
+        with tracing.clock("specular cones"):
+            key = ("light", tracing.key, film)
+            return tracing.cache.run(key, gathered, *tracing.inputs, gbuffer, incident)
     plan, config, tally = tracing.prepared.plan, tracing.config, tracing.tally
     specular = None
     if plan.has_specular or plan.has_passing:
@@ -261,6 +342,21 @@ def _gatherer(tracing: _Tracing) -> Gather:
             )
             return evaluated(incident)
 
+    def kept(gbuffer: GBuffer) -> mi.Color3f:
+        assert tracing.cache is not None, "only what is kept comes here"
+        at = tracing.at
+
+        def gathered(
+            scene: mi.Scene, volume: VoxelVolume, sky: PrefilteredSky | None, gbuffer: GBuffer
+        ) -> mi.Color3f:
+            return _gatherer(at(scene, volume, sky))(gbuffer)
+
+        with tracing.clock("diffuse cones"):
+            key = ("cones", tracing.key, dr.width(gbuffer.position))
+            return tracing.cache.run(key, gathered, *tracing.inputs, gbuffer)
+
+    if tracing.cache is not None:
+        return kept
     return ambient if config.mode == "ambient" else diffuse
 
 
@@ -281,68 +377,3 @@ def _camera_rays(
         as_component(time), as_component(random_unit(sample_index, 4)), position, lens
     )
     return ray
-
-
-def _surfaces(gbuffer: GBuffer) -> dict[str, list[mi.Float]]:
-    """Return what the first ray of each pixel met."""
-    normal = dr.select(gbuffer.is_valid, gbuffer.normal, 0.0)
-    return {
-        "position": [mi.Float(each) for each in gbuffer.position],
-        "surface_normal": [mi.Float(each) for each in normal],
-    }
-
-
-def _light_sample(gbuffer: GBuffer, light: IndirectLight) -> dict[str, list[mi.Float]]:
-    """Return a sample of each pixel of a picture of light."""
-    return {
-        "indirect_diffuse": list(light.diffuse),
-        "indirect_specular": list(light.specular),
-        **_surface_sample(gbuffer),
-    }
-
-
-def _ambient_sample(gbuffer: GBuffer, openness: mi.Color3f) -> dict[str, list[mi.Float]]:
-    """Return a sample of each pixel of a picture of ambient occlusion, which has no light."""
-    dark = [dr.zeros(mi.Float, dr.width(gbuffer.depth))] * 3
-    return {
-        "indirect_diffuse": dark,
-        "indirect_specular": dark,
-        **_surface_sample(gbuffer),
-        "ambient": [mi.Float(dr.select(gbuffer.is_valid, openness.x, 1.0))],
-    }
-
-
-def _surface_sample(gbuffer: GBuffer) -> dict[str, list[mi.Float]]:
-    normal = dr.select(gbuffer.is_valid, gbuffer.normal, 0.0)
-    return {
-        "albedo": list(gbuffer.albedo),
-        "normal": [mi.Float(each) for each in normal],
-        "depth": [gbuffer.depth],
-    }
-
-
-def _accumulate(
-    sums: dict[str, list[mi.Float]], sample: dict[str, list[mi.Float]], sample_count: int
-) -> None:
-    """Add a sample of each pixel to the picture."""
-    for name, channels in sample.items():
-        shares = [mi.Float(channel) / sample_count for channel in channels]
-        held = sums.get(name)
-        sums[name] = shares if held is None else [a + b for a, b in zip(held, shares, strict=True)]
-    sums.update(evaluated(sums))
-
-
-def _tensors(
-    channels: dict[str, list[mi.Float]], width: int, height: int
-) -> dict[str, mi.TensorXf]:
-    """Return pictures, each with its channels side by side."""
-    pixel = dr.arange(mi.UInt32, width * height)
-    tensors = {}
-    for name, planes in channels.items():
-        count = len(planes)
-        flat = dr.empty(mi.Float, width * height * count)
-        for number, plane in enumerate(planes):
-            dr.scatter(flat, plane, pixel * count + number)
-        tensors[name] = mi.TensorXf(flat, (height, width, count))
-    dr.eval(tensors)
-    return tensors

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import drjit as dr
 import mitsuba as mi
@@ -270,3 +271,26 @@ def test_changed_bounds_are_those_of_the_objects_that_changed() -> None:
     # One of two equal surfaces that goes is a change.
     twice = scene_of([parts[0], parts[0]])
     assert len(changed_bounds(twice, scene_of([parts[0]]))) == 1
+
+
+def test_changed_bounds_follow_surfaces_and_not_their_order() -> None:
+    parts = objects(5)
+    before = scene_of(parts)
+    order = np.array([0, 2, 1, *range(3, 3 * OBJECT_COUNT)])
+    swapped = replace(
+        before, vertices=before.vertices[order], shape_index=before.shape_index[order]
+    )
+    assert changed_bounds(before, swapped) == []
+    shifted = before.uv.copy()
+    shifted[-1] += 0.25
+    for bounds in changed_bounds(swapped, replace(before, uv=shifted)):
+        np.testing.assert_array_equal(bounds[0], parts[-1][-1].min(axis=0))
+        np.testing.assert_array_equal(bounds[1], parts[-1][-1].max(axis=0))
+    nothing = scene_of([])
+    assert changed_bounds(nothing, scene_of([])) == []
+
+
+def test_unchanged_surfaces_are_not_even_read() -> None:
+    # So that a moving camera costs the same, however many triangles the scene has.
+    unread = cast("VoxelSurfaces", object())
+    assert changed_bounds(unread, unread) == []

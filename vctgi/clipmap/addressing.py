@@ -7,7 +7,7 @@ the other. Positions are XYZ; storage order within a level is [z, y, x].
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import drjit as dr
@@ -27,18 +27,46 @@ class LevelTable:
         Flat [level, 4]: lowest voxel x, y, z of the window and log2 of the resolution.
     voxel_offsets
         [level]: first voxel of the level in storage.
+    centre
+        World point that the windows surround before snapping.
+    low, high
+        Corners of the coarsest window, world units.
     """
 
     origins: mi.Int32
     voxel_offsets: mi.UInt32
+    centre: mi.Point3f
+    low: mi.Point3f
+    high: mi.Point3f
 
 
-def level_table(layout: ClipmapLayout) -> LevelTable:
-    """Return `layout` as device arrays."""
+def level_table(
+    layout: ClipmapLayout, is_empty: Sequence[bool] = (), offsets: Sequence[int] | None = None
+) -> LevelTable:
+    """Return `layout` as device arrays, so that no kernel holds where its windows stand.
+
+    Parameters
+    ----------
+    layout
+        Windows.
+    is_empty
+        Levels whose window shrinks to one voxel; none if left out.
+    offsets
+        First stored voxel of each level; those of `layout` if left out.
+    """
     rows: list[int] = []
-    for level in layout.levels:
-        rows += [*level.origin, level.resolution.bit_length() - 1]
-    return LevelTable(mi.Int32(rows), mi.UInt32(list(layout.voxel_offsets)))
+    for level, empty in zip(layout.levels, is_empty or [False] * len(layout.levels), strict=True):
+        rows += [0, 0, 0, 0] if empty else [*level.origin, level.resolution.bit_length() - 1]
+    box = layout.coarsest
+    return LevelTable(
+        mi.Int32(rows),
+        mi.UInt32(list(layout.voxel_offsets if offsets is None else offsets)),
+        *(_opaque_point(point) for point in (layout.centre, box.window_min, box.window_max)),
+    )
+
+
+def _opaque_point(point: tuple[float, float, float]) -> mi.Point3f:
+    return mi.Point3f(*(dr.opaque(mi.Float, each) for each in point))
 
 
 def voxel_of_place(place: mi.UInt32, regions: Sequence[Region]) -> mi.Vector3i:
@@ -79,12 +107,22 @@ def voxel_from_position(p_world: mi.Point3f, level: LevelLayout) -> mi.Vector3i:
 
 def is_inside(voxel: mi.Vector3i, level: LevelLayout) -> mi.Bool:
     """Whether `voxel` lies in the window of `level`."""
-    inside = mi.Bool(True)
-    for axis in range(3):
-        # Opaque, so that a window that moves compiles nothing; unsigned tests both ends at once.
-        origin = dr.opaque(mi.Int32, level.origin[axis])
-        inside &= mi.UInt32(voxel[axis] - origin) < level.resolution
-    return inside
+    return window_test(level)(voxel)
+
+
+def window_test(level: LevelLayout) -> Callable[[mi.Vector3i], mi.Bool]:
+    """Return what tells whether voxels lie in the window of `level`, for more than one use."""
+    # Opaque, so that a window that moves compiles nothing.
+    origin = [dr.opaque(mi.Int32, each) for each in level.origin]
+
+    def holds(voxel: mi.Vector3i) -> mi.Bool:
+        inside = mi.Bool(True)
+        for axis in range(3):
+            # Unsigned tests both ends at once.
+            inside &= mi.UInt32(voxel[axis] - origin[axis]) < level.resolution
+        return inside
+
+    return holds
 
 
 def texel_from_voxel(voxel: mi.Vector3i, resolution: int) -> mi.UInt32:
@@ -100,9 +138,11 @@ def voxel_from_texel(texel: mi.UInt32, level: LevelLayout) -> mi.Vector3i:
     """Voxel of the window of `level` that is stored at `texel`; inverts `texel_from_voxel`."""
     resolution = level.resolution
     stored = (texel % resolution, (texel // resolution) % resolution, texel // resolution**2)
+    # Opaque, so that a window that moves compiles nothing.
+    origin = [dr.opaque(mi.Int32, each) for each in level.origin]
     return mi.Vector3i(
         [
-            level.origin[axis] + ((mi.Int32(stored[axis]) - level.origin[axis]) & (resolution - 1))
+            origin[axis] + ((mi.Int32(stored[axis]) - origin[axis]) & (resolution - 1))
             for axis in range(3)
         ]
     )

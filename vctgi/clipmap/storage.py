@@ -14,8 +14,9 @@ from typing import Literal, get_args
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
-from vctgi.clipmap.addressing import LevelTable
+from vctgi.clipmap.addressing import LevelTable, level_table
 from vctgi.clipmap.formats import FloatCode, LevelTexels, TexelCode
 from vctgi.clipmap.gathered import GatheredTexels
 from vctgi.clipmap.integer_formats import ByteCode, PackedCode
@@ -151,6 +152,11 @@ class VoxelVolume:
         """Bytes of the voxels."""
         return self.texels.byte_count
 
+    @property
+    def has_derivatives(self) -> bool:
+        """Whether any of the voxels has."""
+        return isinstance(self.texels, GatheredTexels) and bool(dr.grad_enabled(self.texels.words))
+
 
 def bytes_per_voxel(config: StorageConfig) -> int:
     """Return the bytes that a voxel takes, all directions together.
@@ -203,9 +209,7 @@ def pack_volume(
             'StorageConfig.format "texture16" needs the texture units of a GPU, and the variant '
             f'is {mi.variant()}: set a CUDA variant, or use the format "float16".'
         )
-    has_opacity = [dr.any(level > 0.0) for level in opacity.levels]
-    dr.eval(has_opacity)
-    is_empty = [not bool(flag[0]) and not keeps_empty for flag in has_opacity]
+    is_empty = [empty and not keeps_empty for empty in _empty_levels(opacity)]
     stored = directions or directions_of(config.direction_count)
     # Single precision holds whatever the stages wrote, so it is not searched for what it cannot.
     scale = None if config.format == "float32" else _find_scale(opacity, emittance, config)
@@ -221,7 +225,8 @@ def pack_volume(
             texels.emittance = texels.emittance * (1.0 / scale)
         return texels
 
-    table = _stored_table(layout, is_empty)
+    offsets = _stored_offsets(layout, is_empty)
+    table = level_table(layout, is_empty, offsets[:-1])
     levels = list(layout.levels)
     if is_texture:
         texture = build_texture(levels, is_empty, texels_of, stored)
@@ -229,7 +234,6 @@ def pack_volume(
 
     code = CODES[config.format]
     slab_count = code.slab_count(stored.count)
-    offsets = _stored_offsets(layout, is_empty)
     words = code.allocate(slab_count * offsets[-1])
     for level, empty, offset in zip(levels, is_empty, offsets[:-1], strict=True):
         if not empty:
@@ -287,17 +291,18 @@ def _find_scale(
     return config.scale
 
 
+def _empty_levels(opacity: OpacityClipmap) -> list[bool]:
+    """Return which levels have no opacity at all."""
+    # Opacities are 0 or more, so the largest tells; all levels answer at once.
+    largest = [dr.max(dr.detach(level)) for level in opacity.levels]
+    dr.eval(largest)
+    held = dr.concat(largest)
+    return [not largest > 0.0 for largest in np.array(held)]
+
+
 def _stored_offsets(layout: ClipmapLayout, is_empty: list[bool]) -> list[int]:
     """Voxels stored before each level, and of all levels; a level without opacity is one voxel."""
     offsets = [0]
     for level, empty in zip(layout.levels, is_empty, strict=True):
         offsets.append(offsets[-1] + (1 if empty else level.voxel_count))
     return offsets
-
-
-def _stored_table(layout: ClipmapLayout, is_empty: list[bool]) -> LevelTable:
-    """Return the windows that are stored: those of levels without opacity shrink to one voxel."""
-    rows: list[int] = []
-    for level, empty in zip(layout.levels, is_empty, strict=True):
-        rows += [0, 0, 0, 0] if empty else [*level.origin, level.resolution.bit_length() - 1]
-    return LevelTable(mi.Int32(rows), mi.UInt32(_stored_offsets(layout, is_empty)[:-1]))

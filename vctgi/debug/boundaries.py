@@ -12,7 +12,7 @@ from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
 from vctgi.debug.camera import PixelRays
 from vctgi.maths.directions import face_forward, other_axes
 from vctgi.maths.stub_gaps import as_mask
-from vctgi.stages.cone_tracing.march import finest_level
+from vctgi.stages.cone_tracing.march import level_around
 
 NO_LEVEL = -1
 """A pixel that no line crosses."""
@@ -57,7 +57,7 @@ def view_boundaries(scene: mi.Scene, layout: ClipmapLayout, rays: PixelRays) -> 
     is_hit = rays.picture(mi.Bool(si.is_valid()))
     normal = face_forward(mi.Vector3f(si.n), -rays.direction)
     cosine = np.abs(np.sum(rays.picture(normal) * rays.picture(rays.direction), axis=-1))
-    read_level = rays.picture(finest_level(layout, mi.Point3f(si.p)))
+    read_level = rays.picture(level_around(layout, mi.Point3f(*layout.centre), mi.Point3f(si.p)))
     depth = np.where(is_hit, rays.picture(mi.Float(si.t)), np.inf)
 
     line_level = np.full(is_hit.shape, NO_LEVEL)

@@ -163,10 +163,10 @@ def march_with_probes(
     apex, axis, cone_ratio = cones.apex, cones.axis, cones.ratio
     width = max(dr.width(apex), dr.width(axis))
     full = dr.zeros(mi.Float, width)
-    t_begin, t_end = march_range(layout, apex, axis, cone_ratio)
+    t_begin, t_end = march_range(volume, apex, axis, cone_ratio)
     t_end = limited_end(layout, t_end, cone_ratio, config)
     start = config.start_offset_voxels * layout.finest_voxel_size
-    t_start = dr.maximum(start * dr.exp2(finest_level(layout, apex)), cones.t_near)
+    t_start = dr.maximum(start * dr.exp2(finest_level(volume, apex)), cones.t_near)
     lane = dr.arange(mi.UInt32, width)
     stream = dr.opaque(mi.UInt32, CHOICE_STREAM + seed * STREAM_STRIDE)
     next_float: float = 1.0 + dr.epsilon(mi.Float)  # type: ignore[no-untyped-call]
@@ -177,7 +177,7 @@ def march_with_probes(
     def advance(s: _State) -> tuple[_State]:
         # The step of `march_cone`, to the letter.
         p_begin = mi.Point3f(dr.fma(axis, s.t, apex))
-        held = layout.finest_voxel_size * dr.exp2(finest_level(layout, p_begin))
+        held = layout.finest_voxel_size * dr.exp2(finest_level(volume, p_begin))
         step = step_length(s.t, held, cone_ratio, config)
         step = dr.minimum(step * s.step_share, t_end - s.t)
         t_read = dr.fma(config.sample_place, step, s.t)
@@ -186,7 +186,7 @@ def march_with_probes(
         light = mi.Color3f(as_component(s.transmittance) * seen)
 
         # Light of a surface fills the voxels around it.
-        level = level_read(layout, p_read, cone_ratio * t_read, config)
+        level = level_read(volume, p_read, cone_ratio * t_read, config)
         reach = REACH_VOXELS * layout.finest_voxel_size * dr.exp2(level)
         visible = probes.reaching(t_read - reach)
         share = dr.maximum(1.0 - visible / s.transmittance, 0.0)

@@ -23,6 +23,7 @@ import mitsuba as mi
 import numpy as np
 
 from vctgi.maths.cones import GOLDEN_TURN
+from vctgi.maths.constant_tables import constant_table
 
 LobeDistribution = Literal["beckmann", "ggx"]
 """Distributions of microfacet normals that have a table."""
@@ -199,7 +200,8 @@ def read_lobe_cone(
     tuple
         Aperture and tilt (`LobeCone`), radians.
     """
-    apertures, tilts = (mi.Float(each.ravel()) for each in lobe_tables())
+    apertures = constant_table("lobe apertures", lambda: mi.Float(lobe_tables()[0].ravel()))
+    tilts = constant_table("lobe tilts", lambda: mi.Float(lobe_tables()[1].ravel()))
     row = dr.sqrt(dr.clip(alpha, 0.0, 1.0)) * (ALPHA_COUNT - 1)
     column = dr.sqrt(dr.clip(cosine, 0.0, 1.0)) * (COSINE_COUNT - 1)
     row_index = dr.minimum(mi.UInt32(row), ALPHA_COUNT - 2)

@@ -24,6 +24,12 @@ def half_extent(scene: mi.Scene, window: float = math.inf) -> mi.Float:
     return dr.opaque(mi.Float, 0.5 * min(float(np.max(high - low)), window))
 
 
+def longest_edge(scene: mi.Scene) -> float:
+    """Return the longest edge of a scene's bounds, world units, in single precision."""
+    low, high = scene_bounds(scene)
+    return float(np.float32(np.max(high - low)))
+
+
 def scene_bounds(scene: mi.Scene) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest and highest corner of a scene's bounds, [3] each, world units.
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from vctgi.maths.constant_tables import number_table
 from vctgi.maths.stub_gaps import as_component
 
 LEAST_ROWS = 32
@@ -93,7 +94,7 @@ class PrefilteredSky:
         octaves = dr.log2(math.pi / aperture)
         wanted = dr.clip(MAPS_PER_OCTAVE * octaves, 0.0, float(last))
         wider = dr.minimum(mi.UInt32(wanted), max(last - 1, 0))
-        rows, offsets = mi.UInt32(self.rows), mi.UInt32(self.offsets)
+        rows, offsets = number_table(tuple(self.rows)), number_table(tuple(self.offsets))
         both = []
         for number in (wider, dr.minimum(wider + 1, last)):
             size = dr.gather(mi.UInt32, rows, number)

@@ -127,12 +127,13 @@ def downsample_regions(
         alpha, shares = _merge_opacity(columns, merged.levels[finer.level], mips)
         own = dr.gather(mi.Float, opacity.levels[coarser.level], target, ~is_covered)
         dr.scatter(merged.levels[coarser.level], dr.select(is_covered, alpha, own), target)
-        dr.eval(merged.levels[coarser.level])
         if emittance is not None and lit is not None:
             color = _merge_emittance(columns, shares, lit.levels[finer.level])
             own_color = dr.gather(mi.Color3f, emittance.levels[coarser.level], target, ~is_covered)
             dr.scatter(lit.levels[coarser.level], dr.select(is_covered, color, own_color), target)
+            # Opacity and emittance in one launch.
             dr.eval(lit.levels[coarser.level])
+        dr.eval(merged.levels[coarser.level])
 
 
 @dataclass

@@ -149,7 +149,7 @@ class Gatherer:
         si = self.scene.ray_intersect(self._real(rays), as_mask(rays.active))
         is_hit = mi.Bool(si.is_valid())
         layout = self.volume.layout
-        held = mi.Float(dr.ceil(finest_level(layout, si.p)))
+        held = mi.Float(dr.ceil(finest_level(self.volume, si.p)))
         if not self.exact.width:
             footprint = rays.ratio * mi.Float(si.t) / layout.finest_voxel_size
             wanted = dr.round(dr.log2(footprint) + self.cones.march.level_bias)

@@ -8,7 +8,7 @@ and light maps, injection and downsampling are done again. Reading the scene is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import mitsuba as mi
 import numpy as np
@@ -19,7 +19,15 @@ from experiments.studies.pareto.clocks import Render
 from experiments.studies.pareto.methods import Method
 from vctgi.clipmap.levels import move_clipmap
 from vctgi.config import RenderConfig
-from vctgi.pipeline import Frame, PreparedScene, SceneVoxels, update_voxels, voxelize_scene
+from vctgi.pipeline import (
+    Frame,
+    LitVolume,
+    PreparedScene,
+    SceneVoxels,
+    update_voxels,
+    voxelize_scene,
+)
+from vctgi.trace_cache import TraceCache
 
 STILL, CAMERA, LIGHTS = "still", "moving camera", "moving lights"
 """Kinds of frames."""
@@ -49,11 +57,14 @@ class LitScene:
         The scene, and its surfaces as voxels.
     volume
         The same, lit.
+    cache
+        What frames trace, which is recorded once: a game does not trace its frames either.
     """
 
     prepared: PreparedScene
     voxels: SceneVoxels
-    lit: vctgi.pipeline.LitVolume
+    lit: LitVolume
+    cache: TraceCache = field(default_factory=TraceCache)
 
     @classmethod
     def of(cls, loaded: LoadedScene, config: RenderConfig) -> LitScene:
@@ -65,14 +76,23 @@ class LitScene:
 
     def still(self, config: RenderConfig) -> Render:
         """Return what gathers from the voxels as they are."""
-        return lambda seed: vctgi.render_frame(self.prepared, self.lit.volume, config, seed=seed)
+        return lambda seed: self._frame(self.prepared, self.lit, config, seed)
+
+    def _frame(
+        self,
+        prepared: PreparedScene,
+        lit: LitVolume,
+        config: RenderConfig,
+        seed: int,
+    ) -> Frame:
+        return vctgi.render_frame(prepared, lit.volume, config, seed=seed, cache=self.cache)
 
     def moving_lights(self, config: RenderConfig) -> Render:
         """Return what lights the voxels again and gathers."""
 
         def render(seed: int) -> Frame:
             lit = vctgi.light_volume(self.prepared, config, voxels=self.voxels)
-            return vctgi.render_frame(self.prepared, lit.volume, config, seed=seed)
+            return self._frame(self.prepared, lit, config, seed)
 
         return render
 
@@ -93,7 +113,7 @@ class LitScene:
             moved = replace(self.prepared, plan=plan)
             held = update_voxels(held, moved, config)
             lit = vctgi.light_volume(moved, config, voxels=held)
-            return vctgi.render_frame(moved, lit.volume, config, seed=seed)
+            return self._frame(moved, lit, config, seed)
 
         return render
 

@@ -57,3 +57,13 @@ def test_blurs_along_each_axis(per_axis: int, axis_count: int) -> None:
         grid = 0.5 * grid + 0.25 * (np.roll(grid, 1, axis) + np.roll(grid, -1, axis))
     found = np.array(smoothed(mi.Float(weight.astype(np.float32)), per_axis, axis_count))
     np.testing.assert_allclose(found, grid.ravel(), rtol=1e-5)
+
+
+@pytest.mark.parametrize("cell_count", [7, 81, 256, 13**4])
+def test_grids_dealt_together_are_dealt_as_each_alone(cell_count: int) -> None:
+    rng = np.random.default_rng(5)
+    weights = [rng.random(cell_count).astype(np.float32) * scale for scale in (1.0, 0.0, 50.0)]
+    counts = [3 * cell_count, 2 * cell_count, 4 * cell_count + 5]
+    together = np.array(deal(mi.Float(np.concatenate(weights)), *counts)).reshape(3, -1)
+    for found, weight, count in zip(together, weights, counts, strict=True):
+        np.testing.assert_array_equal(found, np.array(deal(mi.Float(weight), count)))

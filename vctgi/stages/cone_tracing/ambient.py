@@ -16,12 +16,14 @@ import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.cones import ratio_from_aperture, ring_cone_set, ring_sizes
+from vctgi.maths.constant_tables import float_table
 from vctgi.maths.directions import random_unit
-from vctgi.scene.extent import half_extent
+from vctgi.scene.extent import longest_edge
 from vctgi.scene.records import GBuffer
 from vctgi.stages.cone_tracing.live_march import AnyMarch, LiveMarch
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, march_cone
 from vctgi.stages.cone_tracing.near_field import trace_near_field
+from vctgi.stages.cone_tracing.passes import trace_in_passes
 from vctgi.stages.cone_tracing.tally import SampleTally
 
 
@@ -108,42 +110,68 @@ def trace_ambient(
     [Panteleev2014], slide "Performance"; the exponential falloff is that of obscurance
     [Zhukov1998].
     """
-    cones = ring_cone_set(config.cone_count)
-    length = config.range_in(2.0 * float(half_extent(scene)[0]))
+    length = config.range_in(longest_edge(scene))
     march: AnyMarch = replace(config.march, falloff_length=length)
     reach: float | mi.Float = length
     if range_scale is not None:
         reach = mi.Float(length * range_scale)
         march = LiveMarch.of_numbers(config.march, reach)
+
+    def trace(part: GBuffer) -> mi.Float:
+        return _trace_pass(part, volume, config, scene, tally, (march, reach))
+
+    return trace_in_passes(gbuffer, config.cone_count, trace)
+
+
+def _trace_pass(
+    gbuffer: GBuffer,
+    volume: VoxelVolume,
+    config: AmbientConfig,
+    scene: mi.Scene,
+    tally: SampleTally | None,
+    falloff: tuple[AnyMarch, float | mi.Float],
+) -> mi.Float:
+    """Return how open the hemisphere is over as many points as fit one pass."""
+    cones = ring_cone_set(config.cone_count)
+    march, reach = falloff
     points = dr.width(gbuffer.position)
-    apex, normal, near_voxels = gbuffer.position, gbuffer.normal, config.near_field_voxels
-    turn = 2.0 * math.pi * random_unit(gbuffer.sample_index, ROTATION_STREAM)
-    sin, cos = dr.sincos(turn if config.is_rotated else dr.zeros(mi.Float, points))
-    frame = mi.Frame3f(normal)
-    closed = dr.zeros(mi.Float, points)
-    for number, direction in enumerate(cones.directions):
-        # Opaque, so that all cones share one kernel.
-        x, y, z = (dr.opaque(mi.Float, each) for each in direction)
-        axis = frame.to_world(mi.Vector3f(cos * x - sin * y, sin * x + cos * y, z))
-        ratio = dr.opaque(mi.Float, ratio_from_aperture(cones.apertures[number]))
-        stream = dr.opaque(mi.UInt32, PHASE_STREAM + number)
-        jitter = random_unit(gbuffer.sample_index, stream) if config.is_jittered else mi.Float(0.0)
-        active = mi.Bool(gbuffer.is_valid)
-        hidden = mi.Float(0.0)
-        begin = mi.Float(0.0)
-        if config.near_field_voxels > 0.0:
-            near = trace_near_field(scene, volume, apex, normal, axis, near_voxels, active)
-            if tally is not None:
-                tally.add_rays(active, points)
-            hidden = dr.select(near.is_hit, dr.exp(near.distance * (-1.0 / reach)), 0.0)
-            active, begin = active & ~near.is_hit, near.reach
-        phase = mi.Float(1.0 - jitter)
-        cone = march_cone(volume, apex, axis, ratio, phase, march, active, begin)
+    # Neighbouring lanes trace the same cone of neighbouring pixels, so that they read alike.
+    lane = dr.arange(mi.UInt32, points * cones.cone_count)
+    point, number = lane % points, lane // points
+    apex = dr.gather(mi.Point3f, gbuffer.position, point)
+    normal = dr.gather(mi.Vector3f, gbuffer.normal, point)
+    sample_index = dr.gather(mi.UInt32, gbuffer.sample_index, point)
+    active = dr.gather(mi.Bool, gbuffer.is_valid, point)
+
+    turn = 2.0 * math.pi * random_unit(sample_index, ROTATION_STREAM)
+    sin, cos = dr.sincos(turn if config.is_rotated else mi.Float(0.0))
+    x, y, z = (
+        dr.gather(mi.Float, float_table(tuple(d[axis] for d in cones.directions)), number)
+        for axis in range(3)
+    )
+    local = mi.Vector3f(cos * x - sin * y, sin * x + cos * y, z)
+    axis = mi.Vector3f(mi.Frame3f(normal).to_world(local))
+    ratios = float_table(tuple(ratio_from_aperture(each) for each in cones.apertures))
+    jitter = random_unit(sample_index, PHASE_STREAM + number) if config.is_jittered else 0.0
+    hidden, begin = mi.Float(0.0), mi.Float(0.0)
+    if config.near_field_voxels > 0.0:
+        voxels = config.near_field_voxels
+        near = trace_near_field(scene, volume, apex, normal, axis, voxels, active)
         if tally is not None:
-            tally.add(cone, active)
-        weight = dr.opaque(mi.Float, cones.weights[number])
-        closed = dr.fma(weight, mi.Float(cone.radiance.x) + hidden, closed)
-        dr.eval(closed)
+            tally.add_rays(active, dr.width(lane))
+        hidden = dr.select(near.is_hit, dr.exp(near.distance * (-1.0 / reach)), 0.0)
+        active, begin = active & ~near.is_hit, near.reach
+    ratio, phase = dr.gather(mi.Float, ratios, number), mi.Float(1.0 - jitter)
+    cone = march_cone(volume, apex, axis, ratio, phase, march, active, begin)
+    if tally is not None:
+        tally.add(cone, active)
+    stopped = mi.Float(mi.Float(cone.radiance.x) + hidden)
+    dr.eval(stopped)
+
+    closed = mi.Float(0.0)
+    first = dr.arange(mi.UInt32, points)
+    for place, weight in enumerate(cones.weights):
+        closed = dr.fma(weight, dr.gather(mi.Float, stopped, first + place * points), closed)
     # Weights sum to 1 but for rounding.
     return dr.select(gbuffer.is_valid, 1.0 - dr.minimum(closed, 1.0), 1.0)
 

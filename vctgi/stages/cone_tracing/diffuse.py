@@ -10,6 +10,7 @@ import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.cones import GOLDEN_TURN, ConeSet, ratio_from_aperture
+from vctgi.maths.constant_tables import float_table
 from vctgi.maths.directions import random_unit
 from vctgi.maths.stub_gaps import as_component
 from vctgi.scene.records import GBuffer
@@ -19,6 +20,7 @@ from vctgi.stages.cone_tracing.diffuse_config import DiffuseConesConfig as Diffu
 from vctgi.stages.cone_tracing.diffuse_config import Rotation as Rotation
 from vctgi.stages.cone_tracing.march import finest_level, march_cone
 from vctgi.stages.cone_tracing.near_field import trace_near_field
+from vctgi.stages.cone_tracing.passes import trace_in_passes
 from vctgi.stages.cone_tracing.tally import SampleTally
 
 
@@ -57,21 +59,14 @@ def trace_diffuse(
         reflected to the viewer is this times the albedo.
     """
     cones = config.cones()
-    points = dr.width(gbuffer.position)
-    block = max(1, MAX_CONES_PER_PASS // cones.cone_count)
-    if points <= block:
-        return _trace_block(gbuffer, volume, cones, config, scene, sky, tally, parameters)
-    gathered = dr.zeros(mi.Color3f, points)
-    for begin in range(0, points, block):
-        index = dr.arange(mi.UInt32, min(block, points - begin)) + begin
-        part = dr.gather(GBuffer, gbuffer, index)
-        light = _trace_block(part, volume, cones, config, scene, sky, tally, parameters)
-        dr.scatter(gathered, light, index)
-        dr.eval(gathered)
-    return gathered
+
+    def trace(part: GBuffer) -> mi.Color3f:
+        return _trace_pass(part, volume, cones, config, scene, sky, tally, parameters)
+
+    return trace_in_passes(gbuffer, cones.cone_count, trace)
 
 
-def _trace_block(
+def _trace_pass(
     gbuffer: GBuffer,
     volume: VoxelVolume,
     cones: ConeSet,
@@ -103,7 +98,7 @@ def _trace_block(
     if sky is not None:
         # Cones that hit something nearby are not active any more: they see no sky.
         if parameters is None:
-            aperture = dr.gather(mi.Float, mi.Float(list(cones.apertures)), cone)
+            aperture = dr.gather(mi.Float, float_table(tuple(cones.apertures)), cone)
         else:
             aperture = parameters.lane_apertures(cone)
         beyond = sky.read(axis, aperture) * as_component(traced.transmittance)
@@ -166,9 +161,9 @@ def diffuse_lanes(
     point, cone = lane % points, lane // points
     sample_index = dr.gather(mi.UInt32, gbuffer.sample_index, point)
     if parameters is None:
-        axes = ([d[i] for d in cones.directions] for i in range(3))
-        axis_local = mi.Vector3f(*(dr.gather(mi.Float, mi.Float(each), cone) for each in axes))
-        ratios = mi.Float([ratio_from_aperture(a) for a in cones.apertures])
+        axes = (tuple(d[i] for d in cones.directions) for i in range(3))
+        axis_local = mi.Vector3f(*(dr.gather(mi.Float, float_table(each), cone) for each in axes))
+        ratios = float_table(tuple(ratio_from_aperture(a) for a in cones.apertures))
         ratio = dr.gather(mi.Float, ratios, cone)
     else:
         azimuths = mi.Float([math.atan2(y, x) for x, y, _ in cones.directions])
@@ -216,8 +211,7 @@ def _world_axes(
 
 def _above(volume: VoxelVolume, apex: mi.Point3f, normal: mi.Vector3f, voxels: float) -> mi.Point3f:
     """Return points lifted off their surface, by voxels of the finest level that holds them."""
-    layout = volume.layout
-    distance = voxels * layout.finest_voxel_size * dr.exp2(finest_level(layout, apex))
+    distance = voxels * volume.layout.finest_voxel_size * dr.exp2(finest_level(volume, apex))
     return mi.Point3f(dr.fma(normal, as_component(distance), apex))
 
 
@@ -234,9 +228,6 @@ def _cosine_shares(
     total = dr.select(total > 0.0, total, 1.0)
     return dr.maximum(cosine, 0.0) / dr.gather(mi.Float, total, point)
 
-
-MAX_CONES_PER_PASS = 1 << 25
-"""Cones that are traced at a time; bounds the memory of a pass."""
 
 ROTATION_STREAM, PHASE_STREAM = 100, 200
 """Hash streams of the cones' rotation and, from the second on, of each cone's phase."""

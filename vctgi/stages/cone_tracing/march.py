@@ -23,6 +23,7 @@ from vctgi.stages.cone_tracing.march_loop import ConeSample as ConeSample
 from vctgi.stages.cone_tracing.march_loop import run_march
 from vctgi.stages.cone_tracing.march_step import ConeRay
 from vctgi.stages.cone_tracing.march_step import finest_level as finest_level
+from vctgi.stages.cone_tracing.march_step import level_around as level_around
 from vctgi.stages.cone_tracing.march_step import level_read as level_read
 from vctgi.stages.cone_tracing.march_step import limited_end as limited_end
 from vctgi.stages.cone_tracing.march_step import march_range as march_range
@@ -72,10 +73,10 @@ def march_cone(
     layout = volume.layout
     inputs = (apex, axis, cone_ratio, phase, active)
     full = dr.zeros(mi.Float, max(dr.width(each) for each in inputs))
-    t_begin, t_end = march_range(layout, apex, axis, cone_ratio)
+    t_begin, t_end = march_range(volume, apex, axis, cone_ratio)
     t_end = limited_end(layout, t_end, cone_ratio, config)
     start = config.start_offset_voxels * layout.finest_voxel_size
-    t_start = dr.maximum(start * dr.exp2(finest_level(layout, apex)), t_near)
+    t_start = dr.maximum(start * dr.exp2(finest_level(volume, apex)), t_near)
     t = dr.maximum(t_begin, t_start) + full
     cone = ConeRay(apex, axis, cone_ratio, t_end)
     march = differentiated_march if has_derivatives(volume, cone, t, phase, config) else run_march

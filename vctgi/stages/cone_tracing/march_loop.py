@@ -67,7 +67,7 @@ def run_march(
         radiance: mi.Color3f,
         step_count: mi.UInt32,
     ) -> tuple[mi.Float, mi.Float, mi.Float, mi.Color3f, mi.UInt32]:
-        step = next_step(volume.layout, cone, t, step_share, config)
+        step = next_step(volume, cone, t, step_share, config)
         stopped, seen = read_step(volume, cone, t, step, config)
         radiance = dr.fma(as_component(transmittance), seen, radiance)
         t = advanced(t, step)

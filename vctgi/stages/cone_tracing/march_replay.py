@@ -85,7 +85,7 @@ class MarchInputs:
     def step(self, lanes: Lanes, t: mi.Float, is_first: mi.Bool) -> mi.Float:
         """Return the length of the step from a distance."""
         share = dr.select(is_first, lanes["phase"], 1.0)
-        return next_step(self.volume.layout, self.cone(lanes), t, share, self.rules(lanes))
+        return next_step(self.volume, self.cone(lanes), t, share, self.rules(lanes))
 
 
 ENDS = ("apex", "axis")

@@ -46,7 +46,7 @@ class ConeRay:
 
 
 def next_step(
-    layout: ClipmapLayout, cone: ConeRay, t: mi.Float, step_share: mi.Float, config: AnyMarch
+    volume: VoxelVolume, cone: ConeRay, t: mi.Float, step_share: mi.Float, config: AnyMarch
 ) -> mi.Float:
     """Return the length of the step that begins at a distance, world units.
 
@@ -54,7 +54,7 @@ def next_step(
     cone. Of the first step only a share is taken.
     """
     p_begin = mi.Point3f(dr.fma(cone.axis, t, cone.apex))
-    held = layout.finest_voxel_size * dr.exp2(finest_level(layout, p_begin))
+    held = volume.layout.finest_voxel_size * dr.exp2(finest_level(volume, p_begin))
     step = step_length(t, held, cone.ratio, config)
     return dr.minimum(step * step_share, cone.t_end - t)
 
@@ -101,7 +101,7 @@ def step_at(
     """
     layout = volume.layout
     last = layout.last_read_level
-    level = level_read(layout, p_world, footprint, config)
+    level = level_read(volume, p_world, footprint, config)
     finer = dr.minimum(mi.UInt32(level), max(last - 1, 0))
     coarser = dr.minimum(finer + 1, last)
     blend = level - mi.Float(finer)
@@ -127,15 +127,16 @@ def step_at(
 
 
 def level_read(
-    layout: ClipmapLayout, p_world: mi.Point3f, footprint: mi.Float, config: AnyMarch
+    volume: VoxelVolume, p_world: mi.Point3f, footprint: mi.Float, config: AnyMarch
 ) -> mi.Float:
     """Return the fractional level that a cone of this footprint is read from at a point."""
+    layout = volume.layout
     if dr.grad_enabled(footprint):
         # The logarithm of a footprint of 0 has no derivative; no level is as fine as this.
         footprint = dr.maximum(footprint, SMALLEST_FOOTPRINT * layout.finest_voxel_size)
     wanted = dr.log2(footprint / layout.finest_voxel_size) + config.level_bias
     last = float(layout.last_read_level)
-    return mi.Float(dr.clip(dr.maximum(wanted, finest_level(layout, p_world)), 0.0, last))
+    return mi.Float(dr.clip(dr.maximum(wanted, finest_level(volume, p_world)), 0.0, last))
 
 
 def limited_end(
@@ -158,13 +159,13 @@ def _pull_back(
     return mi.Point3f(axis * as_component(distance))
 
 
-def finest_level(layout: ClipmapLayout, p_world: mi.Point3f) -> mi.Float:
+def finest_level(volume: VoxelVolume, p_world: mi.Point3f) -> mi.Float:
     """Return the finest level that holds a point, fractional where its window fades out.
 
     Parameters
     ----------
-    layout
-        The clipmap.
+    volume
+        The clipmap, of which only the windows are read.
     p_world
         World points, inside the coarsest window or not.
 
@@ -173,10 +174,15 @@ def finest_level(layout: ClipmapLayout, p_world: mi.Point3f) -> mi.Float:
     mi.Float
         Level in [0, read_clip_level_count - 1].
     """
+    return level_around(volume.layout, volume.table.centre, p_world)
+
+
+def level_around(layout: ClipmapLayout, centre: mi.Point3f, p_world: mi.Point3f) -> mi.Float:
+    """Return what `finest_level` does, for windows around a centre."""
     last = layout.read_clip_level_count - 1
     if last == 0:
         return mi.Float(0.0)
-    offset = dr.abs(p_world - mi.Point3f(*layout.centre))
+    offset = dr.abs(p_world - centre)
     distance = mi.Float(dr.maximum(dr.maximum(offset.x, offset.y), offset.z))
     half_extent = (0.5 * layout.resolution - WINDOW_MARGIN_VOXELS) * layout.finest_voxel_size
     # Smallest level whose window holds the point, then a ramp over the rim of that window.
@@ -188,17 +194,16 @@ def finest_level(layout: ClipmapLayout, p_world: mi.Point3f) -> mi.Float:
 
 
 def march_range(
-    layout: ClipmapLayout, apex: mi.Point3f, axis: mi.Vector3f, cone_ratio: mi.Float
+    volume: VoxelVolume, apex: mi.Point3f, axis: mi.Vector3f, cone_ratio: mi.Float
 ) -> tuple[mi.Float, mi.Float]:
     """Return where a cone enters and leaves the coarsest window, or an end of -1 if it misses it.
 
     The end lies one footprint behind the rim, so that walls at the rim are not cut.
     """
-    box = layout.coarsest
     # A direction parallel to a face would make 0 * inf = NaN where the apex lies on it.
     inverse = 1.0 / dr.select(dr.abs(axis) < PARALLEL, PARALLEL, axis)
-    t0 = mi.Vector3f(mi.Point3f(*box.window_min) - apex) * inverse
-    t1 = mi.Vector3f(mi.Point3f(*box.window_max) - apex) * inverse
+    t0 = mi.Vector3f(volume.table.low - apex) * inverse
+    t1 = mi.Vector3f(volume.table.high - apex) * inverse
     lower, upper = dr.minimum(t0, t1), dr.maximum(t0, t1)
     enter, leave = mi.Float(dr.max(lower)), mi.Float(dr.min(upper))
     is_hit = (leave > enter) & (leave > 0.0)

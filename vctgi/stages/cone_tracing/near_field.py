@@ -68,7 +68,7 @@ def trace_near_field(
         Lanes to trace.
     """
     # The coarser of the levels that the apex lies between: its window also holds the ray's end.
-    level = mi.UInt32(dr.ceil(finest_level(volume.layout, apex)))
+    level = mi.UInt32(dr.ceil(finest_level(volume, apex)))
     voxel_size = volume.layout.finest_voxel_size * dr.exp2(mi.Float(level))
     reach = reach_voxels * voxel_size
     scale = half_extent(scene, volume.layout.extent)

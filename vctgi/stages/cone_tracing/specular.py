@@ -20,6 +20,7 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
+from vctgi.maths.constant_tables import number_table
 from vctgi.maths.directions import random_unit
 from vctgi.maths.evaluation import with_boundary
 from vctgi.maths.stub_gaps import as_component
@@ -292,7 +293,7 @@ def blue_noise_phase(film: FilmSample, width: int) -> mi.Float:
     """
     pixel = dr.arange(mi.UInt32, width)
     row, column = pixel // film.width % PATTERN_EDGE, pixel % film.width % PATTERN_EDGE
-    rank = dr.gather(mi.UInt32, mi.UInt32(list(BLUE_NOISE)), PATTERN_EDGE * row + column)
+    rank = dr.gather(mi.UInt32, number_table(BLUE_NOISE), PATTERN_EDGE * row + column)
     shift = dr.opaque(mi.Float, film.number * SAMPLE_TURN % 1.0)
     return mi.Float((mi.Float(rank) + 0.5) / len(BLUE_NOISE) + shift)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.addressing import is_inside, texel_from_voxel
+from vctgi.clipmap.addressing import texel_from_voxel
 from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.stages.light_injection.splats import CoveredSlots, Splats, kernel_weight, neighbour
 from vctgi.stages.light_injection.target import NOWHERE, Target
@@ -51,7 +51,7 @@ def mirror_splats(
         if width > 1:
             step = neighbour(mi.UInt32(number), width)
             voxel = splats.voxel + step
-            is_lit = is_lit & is_inside(voxel, level)
+            is_lit = is_lit & covered.is_held(voxel)
             texel = texel_from_voxel(voxel, level.resolution)
             held = dr.gather(mi.Float, covered.drawing, texel + block, is_lit)
             weight = kernel_weight(step, width) * held * splats.per_weight

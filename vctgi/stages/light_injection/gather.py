@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.addressing import is_inside, texel_from_voxel, voxel_from_texel
+from vctgi.clipmap.addressing import texel_from_voxel, voxel_from_texel
 from vctgi.clipmap.levels import LevelLayout
 from vctgi.stages.light_injection.splats import (
     CoveredSlots,
@@ -67,7 +67,7 @@ def gather_splats(
             step = neighbour(dr.maximum(number, 1) - 1, width)
             per_weight = dr.gather(mi.Float, splats.per_weight, splat, has_splat)
             weight = kernel_weight(step, width) * held * per_weight
-        amounts = fixed_point(light, weight, target.steps)
+        amounts = fixed_point(light, weight, target.device_steps)
         added = [
             total + dr.select(has_splat, amount, 0)
             for total, amount in zip(sums, amounts, strict=True)
@@ -76,7 +76,7 @@ def gather_splats(
         is_opening = ~has_splat & (opened <= box_count)
         # The splats that reach this voxel by a step lie that step before it.
         before = voxel - neighbour(dr.maximum(opened, 1) - 1, width)
-        is_opening &= is_inside(before, level)
+        is_opening &= covered.is_held(before)
         bucket = texel_from_voxel(before, level.resolution) + side * level.voxel_count
         first = dr.gather(mi.UInt32, buckets.starts, bucket, is_opening)
         after = dr.gather(mi.UInt32, buckets.starts, bucket + 1, is_opening)

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from vctgi.clipmap.addressing import texel_from_voxel, voxel_of_place
 from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
@@ -132,15 +133,20 @@ def update_emittance(
     _darken(emittance.levels, newly_covered_regions(emittance.layout, layout))
     lit = EmittanceClipmap(layout, emittance.levels, [], [])
     relit = relit_regions(layout, stale, config)
+    totals = _total_fluxes(maps, config)
+    shares = []
     for level in layout.clip_levels:
-        lighting = [m for m in maps if m.level in (None, level.level)]
-        steps = _steps_per_unit(lighting, level, config)
+        chosen = [number for number, m in enumerate(maps) if m.level in (None, level.level)]
+        lighting = [maps[number] for number in chosen]
+        steps = _steps_per_unit(totals[chosen], level)
         # Light summed in other steps is rounded otherwise: then all of it is summed again.
         is_kept = steps == emittance.steps_per_unit[level.level]
         boxes = relit[level.level] if is_kept else own_regions(layout, level)
         target = make_target(boxes, level, _channel_count(config), steps)
-        lit.lost_flux_share.append(_fill(lit, target, lighting, opacity, config))
+        shares.append(_fill(lit, target, lighting, opacity, config))
         lit.steps_per_unit.append(steps)
+    for found, lost in np.array(dr.concat(shares), dtype=np.float64).reshape(-1, 2).tolist():
+        lit.lost_flux_share.append(lost / (found + lost) if found + lost > 0.0 else 0.0)
     return lit
 
 
@@ -197,18 +203,27 @@ def _channel_count(config: LightInjectionConfig) -> int:
     return 6 if is_bounded else 3
 
 
-def _steps_per_unit(
-    maps: list[ReflectiveShadowMap], level: LevelLayout, config: LightInjectionConfig
-) -> Steps:
-    """Fixed-point steps per unit of emittance and of its product with radiance; 0 without light."""
-    total, squared = 0.0, 0.0
+def _total_fluxes(maps: list[ReflectiveShadowMap], config: LightInjectionConfig) -> np.ndarray:
+    """Return the flux that leaves each map, W, and its product with radiance, 0 if not wanted."""
+    sums = []
     for rsm in maps:
-        flux = mi.Float(dr.max(rsm.reflected_flux))
-        total += float(dr.sum(flux)[0])
+        sums.append(dr.sum(mi.Float(dr.max(dr.detach(rsm.reflected_flux)))))
         if _channel_count(config) > 3:
             assert rsm.radiance is not None, "the radiance was asked for above"
-            squared += float(dr.sum(mi.Float(dr.max(rsm.reflected_flux * rsm.radiance)))[0])
+            product = dr.detach(rsm.reflected_flux * rsm.radiance)
+            sums.append(dr.sum(mi.Float(dr.max(product))))
+        else:
+            sums.append(mi.Float(0.0))
+    # All are read at once, because each time the host waits for the device.
+    read = np.array(dr.concat(sums), dtype=np.float64) if sums else np.zeros(0)
+    fluxes: np.ndarray = read.reshape(-1, 2)
+    return fluxes
+
+
+def _steps_per_unit(fluxes: np.ndarray, level: LevelLayout) -> Steps:
+    """Fixed-point steps per unit of emittance and of its product with radiance; 0 without light."""
     per_flux = radiance_per_flux(level)
+    total, squared = (float(sum(column)) for column in fluxes.T)
     return _power_of_two(total * per_flux), _power_of_two(squared * per_flux)
 
 
@@ -230,15 +245,16 @@ def _fill(
     maps: list[ReflectiveShadowMap],
     opacity: OpacityClipmap,
     config: LightInjectionConfig,
-) -> float:
-    """Overwrite the emittance in boxes of a level; return the share of flux that was lost."""
+) -> mi.Float:
+    """Overwrite the emittance in boxes of a level; return the light that was found, and lost."""
     level = target.level
     covered = covered_slots(opacity, level, config.prefilter)
     keys = nearest_keys(target)
     if have_derivatives(maps) and config.algorithm != "centre":
         target.mirror = make_mirror(target)
-    found, lost, first_texel = 0.0, 0.0, 0
+    totals, first_texel = mi.Float(0.0, 0.0), 0
     for rsm in maps:
+        found, lost = mi.Float(0.0), mi.Float(0.0)
         for axis in range(3):
             for attached in make_splats(rsm, covered, axis, config):
                 # Integers have no derivatives, and loops that make them must not look for any.
@@ -255,8 +271,11 @@ def _fill(
                     found += _brightness(splats, splats.is_seen)
                     lost += _brightness(splats, splats.is_active & ~splats.is_seen)
         first_texel += rsm.texel_count
+        # All axes of a map in one launch.
+        dr.eval(found, lost, target.sums)
+        totals += dr.concat([dr.sum(found), dr.sum(lost)])
     _write(lit, target, opacity, keys, maps, config)
-    return lost / (found + lost) if found + lost > 0.0 else 0.0
+    return totals
 
 
 def _write(
@@ -310,8 +329,7 @@ def _emitted(target: Target, held: mi.UInt32, coverage: mi.Float) -> list[mi.Flo
     return emitted
 
 
-def _brightness(splats: Splats, active: mi.Bool) -> float:
-    """Sum of the mean of the channels over lanes."""
+def _brightness(splats: Splats, active: mi.Bool) -> mi.Float:
+    """Mean of the channels of each lane that is active."""
     mean = mi.Float((splats.light[0] + splats.light[1] + splats.light[2]) * (1.0 / 3.0))
-    held = dr.select(active, mean, 0.0)
-    return float(dr.sum(held)[0])
+    return mi.Float(dr.select(active, mean, 0.0))

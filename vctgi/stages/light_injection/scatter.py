@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.addressing import is_inside, texel_from_voxel
+from vctgi.clipmap.addressing import texel_from_voxel
 from vctgi.clipmap.levels import LevelLayout
 from vctgi.stages.light_injection.splats import (
     CoveredSlots,
@@ -30,7 +30,7 @@ def scatter_splats(target: Target, splats: Splats, covered: CoveredSlots, width:
         voxel = splats.voxel + step
         texel = texel_from_voxel(voxel, level.resolution)
         held = dr.gather(
-            mi.Float, covered.drawing, texel + block, splats.is_seen & is_inside(voxel, level)
+            mi.Float, covered.drawing, texel + block, splats.is_seen & covered.is_held(voxel)
         )
         weight = kernel_weight(step, width) * held * splats.per_weight
         _add(target, splats, voxel, weight, level)
@@ -58,7 +58,7 @@ def _add(
     place = dr.gather(mi.UInt32, target.place, texel, is_lit)
     is_lit &= place != NOWHERE
     for sums, amount in zip(
-        target.sums, fixed_point(splats.light, weight, target.steps), strict=True
+        target.sums, fixed_point(splats.light, weight, target.device_steps), strict=True
     ):
         dr.scatter_reduce(
             dr.ReduceOp.Add,

@@ -9,13 +9,13 @@ weights are divided by their sum, so nothing is lost and nothing goes where ther
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.addressing import is_inside, texel_from_voxel
+from vctgi.clipmap.addressing import texel_from_voxel, window_test
 from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.slots import SlotRule, filled_layers, surface_slot
 from vctgi.clipmap.storage import OpacityClipmap
@@ -33,8 +33,11 @@ class CoveredSlots:
     ----------
     level
         The window.
-    finer
-        The next finer window, if there is one: what it covers is lit there.
+    is_held
+        Tells which voxels lie in it.
+    is_finer
+        Tells which voxels of the next finer level lie in its window, where they are lit; None if
+        there is no such level.
     rule
         How thick surfaces were made.
     drawing
@@ -43,7 +46,8 @@ class CoveredSlots:
     """
 
     level: LevelLayout
-    finer: LevelLayout | None
+    is_held: Callable[[mi.Vector3i], mi.Bool]
+    is_finer: Callable[[mi.Vector3i], mi.Bool] | None
     rule: SlotRule
     drawing: mi.Float
 
@@ -52,8 +56,8 @@ def covered_slots(opacity: OpacityClipmap, level: LevelLayout, width: int) -> Co
     """Return the slots of a level that have opacity, for a pre-filter of this width."""
     alpha = opacity.levels[level.level]
     drawing = alpha if width == 1 else drawing_power(alpha, level, width)
-    finer = opacity.layout.levels[level.level - 1] if level.level > 0 else None
-    return CoveredSlots(level, finer, opacity.rule, drawing)
+    finer = window_test(opacity.layout.levels[level.level - 1]) if level.level > 0 else None
+    return CoveredSlots(level, window_test(level), finer, opacity.rule, drawing)
 
 
 @dataclass
@@ -129,9 +133,9 @@ def make_splats(
     offset = mi.Vector3f(where - mi.Point3f(voxel)) - 0.5
     for number, (layer, is_filled) in enumerate(filled_layers(mi.Float(where[axis]), slot)):
         filled = mi.Vector3i([layer if i == axis else mi.Int32(voxel[i]) for i in range(3)])
-        is_active = is_filled & is_inside(filled, level)
-        if covered.finer is not None:
-            is_active &= ~is_inside(2 * filled, covered.finer)
+        is_active = is_filled & covered.is_held(filled)
+        if covered.is_finer is not None:
+            is_active &= ~covered.is_finer(2 * filled)
         splats = Splats(
             number=number,
             voxel=filled,
@@ -165,7 +169,7 @@ def _per_weight(splats: Splats, covered: CoveredSlots, width: int) -> mi.Float:
     def add_one(number: mi.UInt32, total: mi.Float) -> tuple[mi.UInt32, mi.Float]:
         step = neighbour(number, width)
         voxel = splats.voxel + step
-        held = drawing_at(voxel, splats.is_active & is_inside(voxel, level))
+        held = drawing_at(voxel, splats.is_active & covered.is_held(voxel))
         return number + 1, dr.fma(kernel_weight(step, width), held, total)
 
     _, total = dr.while_loop(
@@ -180,12 +184,11 @@ def _per_weight(splats: Splats, covered: CoveredSlots, width: int) -> mi.Float:
 
 
 def fixed_point(
-    light: list[mi.Float], weight: mi.Float | None, steps: list[float]
+    light: list[mi.Float], weight: mi.Float | None, steps: list[mi.Float64]
 ) -> list[mi.Int64]:
     """Return weighed light in fixed-point steps, channel by channel."""
     amounts = []
     for channel, value in enumerate(light):
-        scale = dr.opaque(mi.Float64, steps[channel // 3])
         part = value if weight is None else value * weight
-        amounts.append(mi.Int64(dr.round(mi.Float64(part) * scale)))
+        amounts.append(mi.Int64(dr.round(mi.Float64(part) * steps[channel // 3])))
     return amounts

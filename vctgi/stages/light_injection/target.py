@@ -35,6 +35,8 @@ class Target:
         For each channel the sums [direction, place] in fixed point.
     steps
         Fixed-point steps per unit of the first three channels, and of the other three.
+    device_steps
+        The same, as numbers that no kernel holds.
     mirror
         The sums in emittance, with derivatives; None where the light has none.
     """
@@ -45,6 +47,7 @@ class Target:
     count: mi.UInt32
     sums: list[mi.Int64]
     steps: list[float]
+    device_steps: list[mi.Float64]
     mirror: list[mi.Float64] | None = None
 
 
@@ -60,4 +63,5 @@ def make_target(
         dr.scatter(place, lane, texel)
     size = max(1, DIRECTION_COUNT * count)
     sums = [dr.zeros(mi.Int64, size) for _ in range(channel_count)]
-    return Target(level, boxes, place, dr.opaque(mi.UInt32, count), sums, list(steps))
+    scales = [dr.opaque(mi.Float64, each) for each in steps[: channel_count // 3]]
+    return Target(level, boxes, place, dr.opaque(mi.UInt32, count), sums, list(steps), scales)

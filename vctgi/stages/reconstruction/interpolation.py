@@ -93,9 +93,13 @@ def trace_sparse(
     """
     pixel = select_sparse_pixels(grid)
     points = dr.gather(GBuffer, gbuffer, pixel)
+    traced_place = dr.gather(mi.Point2f, place, pixel)
+    surface = _surface_of(points)
+    # All in one launch, before each of them is read by itself.
+    dr.eval(points, traced_place, surface)
     light = gather(points)
-    dr.eval(points, light)
-    return TracedPixels(grid, dr.gather(mi.Point2f, place, pixel), _surface_of(points), light)
+    dr.eval(light)
+    return TracedPixels(grid, traced_place, surface, light)
 
 
 def interpolate(

@@ -13,27 +13,37 @@ WEIGHT_BITS = 32
 """Fixed point of a weight over the largest: up to 2^16 cells add up without rounding in 64 bits."""
 
 
-def deal(weight: mi.Float, texel_count: int) -> mi.UInt32:
+def deal(weight: mi.Float, *texel_counts: int) -> mi.UInt32:
     """Return the texels of each cell: one, and of those left over a share as large as its weight.
 
     Parameters
     ----------
     weight
-        Of each cell, >= 0 and finite; if all are 0 they count as equal.
-    texel_count
-        Texels to deal; with fewer than cells each cell still gets its one.
+        Of each cell, >= 0 and finite; if all of a grid are 0 they count as equal. Several grids of
+        as many cells each stand one after the other.
+    texel_counts
+        Texels to deal to each grid; with fewer than cells each cell still gets its one.
     """
-    cell_count = dr.width(weight)
-    largest = dr.max(weight)
+    cell_count = dr.width(weight) // len(texel_counts)
+    cell = dr.arange(mi.UInt32, dr.width(weight))
+    grid = cell // cell_count
+    largest = dr.gather(mi.Float, block_max(weight, cell_count), grid)
     is_dark = largest <= 0.0
     relative = dr.select(is_dark, 1.0, weight / dr.select(is_dark, 1.0, largest))
     fixed = mi.UInt64(mi.Float64(relative) * float(1 << WEIGHT_BITS))
-    spare = dr.opaque(mi.Float64, max(texel_count - cell_count, 0))
-    total = mi.Float64(dr.sum(fixed))
-    end = mi.UInt32(dr.floor(mi.Float64(dr.cumsum(fixed)) / total * spare + 0.5))
-    cell = dr.arange(mi.UInt32, cell_count)
-    begin = dr.gather(mi.UInt32, end, cell - 1, cell > 0)
+    spare = mi.Float64([float(max(count - cell_count, 0)) for count in texel_counts])
+    up_to = mi.UInt64(dr.block_prefix_sum(fixed, cell_count, exclusive=False))
+    dr.eval(up_to)
+    total = mi.Float64(dr.gather(mi.UInt64, up_to, (grid + 1) * cell_count - 1))
+    share = mi.Float64(up_to) / total
+    end = mi.UInt32(dr.floor(share * dr.gather(mi.Float64, spare, grid) + 0.5))
+    begin = dr.gather(mi.UInt32, end, cell - 1, cell % cell_count > 0)
     return 1 + end - begin
+
+
+def block_max(value: mi.Float, block_size: int) -> mi.Float:
+    """Return the largest of each `block_size` values that follow one another."""
+    return mi.Float(dr.block_reduce(dr.ReduceOp.Max, value, block_size))
 
 
 def dealt_count(cell_count: int, texel_count: int) -> int:
@@ -57,12 +67,12 @@ def owners(dealt: mi.UInt32, texel_count: int) -> mi.UInt32:
 
 
 def smoothed(weight: mi.Float, per_axis: int, axis_count: int) -> mi.Float:
-    """Return weights of a grid of cells, blurred by (1, 2, 1) / 4 along each axis, which wraps.
+    """Return weights of grids of cells, blurred by (1, 2, 1) / 4 along each axis, which wraps.
 
     Parameters
     ----------
     weight
-        Of each cell; the first axis varies fastest.
+        Of each cell; the first axis varies fastest, and grid stands after grid.
     per_axis, axis_count
         Cells along each axis, and how many axes there are.
     """

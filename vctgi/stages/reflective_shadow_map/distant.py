@@ -1,16 +1,20 @@
-"""Rays of light from outside the scene, aimed at what one window can see of it.
+"""Rays of light from outside the scene, aimed at what the windows can see of it.
 
 A ray of such light has four coordinates: the direction, in the square that the emitter's sampling
 takes, and the place on a disc across that direction which covers the part of the scene in the
 window. Roofs and walls stop most of them. So a coarse pilot finds in which cells of those
 coordinates rays get through, and the texels are dealt to the cells in proportion. Every cell gets
 at least one, and its texels share its part of the power, so that the pilot changes where the texels
-are and never what they add up to (docs/decisions/0010).
+are and never what they add up to (docs/decisions/0010). All windows share each launch, one after
+the other.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate
 
 import drjit as dr
 import mitsuba as mi
@@ -23,8 +27,14 @@ from vctgi.maths.directions import kronecker_points, kronecker_points_4d, random
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.extent import scene_bounds
 from vctgi.scene.lights import Light
-from vctgi.stages.reflective_shadow_map.dealing import deal, dealt_count, owners, smoothed
-from vctgi.stages.reflective_shadow_map.landing import is_seen
+from vctgi.stages.reflective_shadow_map.dealing import (
+    block_max,
+    deal,
+    dealt_count,
+    owners,
+    smoothed,
+)
+from vctgi.stages.reflective_shadow_map.landing import LaneWindows, is_seen
 
 PILOT_RAYS_PER_CELL = 4
 """Rays by which the pilot judges a cell."""
@@ -43,14 +53,34 @@ LEAST_LANDING_SHARE = 0.25
 """A map sends out at most this number's inverse of rays for each texel that it is meant to have."""
 
 
+@dataclass
+class DistantRays:
+    """Rays of a distant light for all windows, those of one window after those of the one before.
+
+    Attributes
+    ----------
+    ray, flux
+        Rays, and the power of each, W.
+    windows
+        The window that each is meant for.
+    texel
+        Number of each among those of its window.
+    """
+
+    ray: mi.Ray3f
+    flux: mi.Color3f
+    windows: LaneWindows
+    texel: mi.UInt32
+
+
 def distant_rays(
     scene: mi.Scene,
     light: Light,
-    level: LevelLayout,
+    levels: Sequence[LevelLayout],
     opacity: OpacityClipmap | None,
     limits: tuple[int, int],
-) -> tuple[mi.Ray3f, mi.Color3f]:
-    """Return rays of a distant light for one window, and the power of each, W.
+) -> DistantRays:
+    """Return rays of a distant light for windows.
 
     Parameters
     ----------
@@ -58,21 +88,24 @@ def distant_rays(
         What stands in the way.
     light
         A light from outside.
-    level
-        The window.
+    levels
+        The windows, of one resolution.
     opacity
         Voxels that can be seen: texels are dealt to those. None deals to all of the window.
     limits
-        Texels that should land there; rays that may be sent for it, the pilot's aside.
+        Texels that should land in each; rays that may be sent for that, the pilot's aside.
     """
     texel_count, most_rays = limits
-    cells = _Cells(scene, light, level, texel_count)
+    cells = _Cells(scene, light, levels, texel_count)
     weight, landing = cells.pilot(opacity)
-    dealt = deal(weight, texel_count)
-    landed = float((dr.sum(landing * mi.Float(dealt)) / dealt_count(cells.count, texel_count))[0])
-    wanted = math.ceil(texel_count / max(landed, LEAST_LANDING_SHARE))
-    ray_count = min(wanted, max(most_rays, cells.count))
-    return cells.rays(deal(weight, ray_count), dealt_count(cells.count, ray_count))
+    dealt = deal(weight, *[texel_count] * len(levels))
+    texels = PILOT_RAYS_PER_CELL * dealt_count(cells.count, texel_count)
+    counts = []
+    for landed in np.array(dr.block_sum(landing * dealt, cells.count)):
+        wanted = math.ceil(texel_count / max(float(landed) / texels, LEAST_LANDING_SHARE))
+        counts.append(min(wanted, max(most_rays, cells.count)))
+    sent = [dealt_count(cells.count, count) for count in counts]
+    return cells.rays(deal(weight, *counts), [0, *accumulate(sent)])
 
 
 def _cell_means(value: mi.Float) -> mi.Float:
@@ -90,47 +123,60 @@ def survey_distant(light: Light) -> float:
 
 
 class _Cells:
-    """The coordinates of a distant light's rays for one window, in cells."""
+    """The coordinates of a distant light's rays for each window, in cells."""
 
-    def __init__(self, scene: mi.Scene, light: Light, level: LevelLayout, texel_count: int) -> None:
-        self.scene, self.light, self.level = scene, light, level
+    def __init__(
+        self, scene: mi.Scene, light: Light, levels: Sequence[LevelLayout], texel_count: int
+    ) -> None:
+        self.scene, self.light, self.levels = scene, light, levels
         self.axis_count = 2 if light.is_delta_direction else 4
         affordable = int((texel_count / PILOT_RAYS_PER_CELL) ** (1.0 / self.axis_count) + 1e-6)
         self.per_axis = max(1, min(MOST_CELLS_PER_AXIS[self.axis_count], affordable))
         self.count = self.per_axis**self.axis_count
+        bounds = scene_bounds(scene)
+        self.aims = mi.Float([number for level in levels for number in _aim(bounds, level)])
 
-    def pilot(self, opacity: OpacityClipmap | None) -> tuple[mi.Float, mi.Float]:
-        """Send a few rays of each cell; return its weight and the share of them that land.
+    def pilot(self, opacity: OpacityClipmap | None) -> tuple[mi.Float, mi.UInt32]:
+        """Send a few rays of each cell; return its weight and how many of them land.
 
         A ray lands where it can be seen. The variance of a cell's sum goes with the mean square
         of its power, so the best share of the texels goes with the root of that.
         """
-        lane = dr.arange(mi.UInt32, self.count * PILOT_RAYS_PER_CELL)
+        ray_count = self.count * PILOT_RAYS_PER_CELL
+        lane = dr.arange(mi.UInt32, ray_count * len(self.levels))
+        windows = LaneWindows.of(self.levels, lane // ray_count)
+        lane %= ray_count
         inside = [random_unit(lane, axis) for axis in range(self.axis_count)]
-        ray, flux = self._at(lane // PILOT_RAYS_PER_CELL, inside)
+        ray, flux = self._at(lane // PILOT_RAYS_PER_CELL, windows.number, inside)
         si = self.scene.ray_intersect(ray, as_mask(True))
-        power = channel_mean(flux)
+        power = dr.detach(channel_mean(flux))
         # A sick light is refused by name where its power is checked.
-        lands = is_seen(si, mi.Vector3f(ray.d), self.level, opacity) & dr.isfinite(power)
+        lands = is_seen(si, mi.Vector3f(ray.d), windows, opacity) & dr.isfinite(power)
         power = dr.zeros(mi.Float, dr.width(lane)) + mi.Float(dr.select(lands, power, 0.0))
         # Over the largest first: the square of a sun's power would overflow.
-        largest = dr.max(power)
+        largest = dr.gather(mi.Float, block_max(power, ray_count), windows.number)
         power = dr.maximum(power, 0.0) / dr.select(largest > 0.0, largest, 1.0)
-        landing = _cell_means(mi.Float(dr.select(power > 0.0, 1.0, 0.0)))
+        landed = dr.select(power > 0.0, mi.UInt32(1), 0)
+        landing = mi.UInt32(dr.block_sum(landed, PILOT_RAYS_PER_CELL))
         own = dr.sqrt(_cell_means(power * power))
         spread = smoothed(own, self.per_axis, self.axis_count)
         return OWN_SHARE * own + (1.0 - OWN_SHARE) * spread, landing
 
-    def rays(self, dealt: mi.UInt32, texel_count: int) -> tuple[mi.Ray3f, mi.Color3f]:
-        """Rays of so many texels for each cell, as many as that in all, and the power of each."""
-        cell = owners(dealt, texel_count)
+    def rays(self, dealt: mi.UInt32, starts: list[int]) -> DistantRays:
+        """Rays of so many texels for each cell; those of each window from its start to the next."""
+        cell = owners(dealt, starts[-1])
         share = 1.0 / (self.count * mi.Float(dr.gather(mi.UInt32, dealt, cell)))
-        lane = dr.arange(mi.UInt32, texel_count)
+        windows = LaneWindows.of(self.levels, cell // self.count)
+        lane = dr.arange(mi.UInt32, starts[-1])
+        lane -= dr.gather(mi.UInt32, mi.UInt32(starts), windows.number)
         inside = kronecker_points(lane) if self.axis_count == 2 else kronecker_points_4d(lane)
-        ray, flux = self._at(cell, [mi.Float(each) for each in inside])
-        return ray, flux * as_component(share)
+        places = [mi.Float(each) for each in inside]
+        ray, flux = self._at(cell % self.count, windows.number, places)
+        return DistantRays(ray, flux * as_component(share), windows, lane)
 
-    def _at(self, cell: mi.UInt32, inside: list[mi.Float]) -> tuple[mi.Ray3f, mi.Color3f]:
+    def _at(
+        self, cell: mi.UInt32, window: mi.UInt32, inside: list[mi.Float]
+    ) -> tuple[mi.Ray3f, mi.Color3f]:
         """Rays at places inside cells, and the power that all light had if it were like each."""
         coordinates = []
         for place in inside:
@@ -138,14 +184,18 @@ class _Cells:
             cell //= self.per_axis
         on_disc = mi.Point2f(coordinates[0], coordinates[1])
         towards = mi.Point2f(*coordinates[2:]) if self.axis_count == 4 else mi.Point2f(0.5)
-        return self._rays(on_disc, towards)
+        return self._rays(on_disc, towards, window)
 
-    def _rays(self, on_disc: mi.Point2f, towards: mi.Point2f) -> tuple[mi.Ray3f, mi.Color3f]:
+    def _rays(
+        self, on_disc: mi.Point2f, towards: mi.Point2f, window: mi.UInt32
+    ) -> tuple[mi.Ray3f, mi.Color3f]:
         """Rays from places on the disc, in [0, 1)^2, and directions of the emitter's sampling."""
-        centre, *lengths = _aim(self.scene, self.level)
-        radius, outside = (as_component(dr.opaque(mi.Float, each)) for each in lengths)
+        x, y, z, radius, outside = (
+            as_component(dr.gather(mi.Float, self.aims, AIM_SIZE * window + k))
+            for k in range(AIM_SIZE)
+        )
         it = dr.zeros(mi.SurfaceInteraction3f, dr.width(on_disc))
-        it.p = mi.Point3f(*(dr.opaque(mi.Float, x) for x in centre))
+        it.p = mi.Point3f(x, y, z)
         sample, irradiance = self.light.emitter.sample_direction(it, towards)
         # Light falls from the sampled point on the distant sphere towards the window.
         d = sample.d
@@ -155,13 +205,17 @@ class _Cells:
         return mi.Ray3f(origin, -d), mi.Color3f(irradiance) * (math.pi * radius * radius)
 
 
-def _aim(scene: mi.Scene, level: LevelLayout) -> tuple[list[float], float, float]:
-    """Middle and radius of what a window holds of the scene, and how far away rays start."""
-    scene_low, scene_high = scene_bounds(scene)
+AIM_SIZE = 5
+"""Numbers that say how rays are aimed at a window."""
+
+
+def _aim(bounds: tuple[np.ndarray, np.ndarray], level: LevelLayout) -> tuple[float, ...]:
+    """Middle and radius of what a window holds of a scene, and how far away rays start."""
+    scene_low, scene_high = bounds
     low = np.maximum(scene_low, level.window_min)
     high = np.minimum(scene_high, level.window_max)
     high = np.maximum(high, low)
     radius = max(0.5 * float(np.linalg.norm(high - low)), 0.5 * level.voxel_size)
     # From far enough that nothing of the scene stands behind the disc.
     outside = 2.0 * float(np.linalg.norm(scene_high - scene_low)) + radius
-    return (0.5 * (low + high)).tolist(), radius, outside
+    return (*(0.5 * (low + high)).tolist(), radius, outside)

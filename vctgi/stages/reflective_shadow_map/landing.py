@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.addressing import is_inside, texel_from_voxel
+from vctgi.clipmap.addressing import texel_from_voxel
 from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.slots import filled_layers, surface_slot
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.directions import face_forward, front_normal
-from vctgi.maths.stub_gaps import as_mask
+from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.scene.reflectance import hemispherical_albedo
 
@@ -26,7 +29,7 @@ def land(
     scene: mi.Scene,
     ray: mi.Ray3f,
     flux: mi.Color3f,
-    level: LevelLayout | None,
+    windows: LaneWindows | None,
     texel: mi.UInt32,
 ) -> tuple[ReflectiveShadowMap, mi.UInt32] | None:
     """Find the lit points of rays.
@@ -37,22 +40,23 @@ def land(
         Geometry and materials.
     ray, flux
         Rays and the power of each, W.
-    level
-        The level that the points are for; those outside its window are left out. None keeps all.
+    windows
+        The window that each point is for; those outside it are left out. None keeps all.
     texel
         Number of each ray within its light's map, which random decisions hash.
 
     Returns
     -------
     tuple or None
-        The map, without the name of its light, and which rays its texels are. None if all miss.
+        The map, without the name of its light and for no level, and which rays its texels are, in
+        their order. None if all miss.
     """
     is_lit = dr.max(flux) > 0.0
     # First only which rays hit, then the surface of those.
     found = scene.ray_intersect_preliminary(ray, as_mask(True), is_lit)
     is_kept = found.is_valid() & is_lit
-    if level is not None:
-        is_kept &= as_mask(is_near(mi.Point3f(ray(found.t)), level))
+    if windows is not None:
+        is_kept &= as_mask(windows.are_near(mi.Point3f(ray(found.t))))
     dr.eval(found, ray, flux, is_kept)
     hit = mi.UInt32(dr.compress(is_kept))
     if dr.width(hit) == 0:
@@ -69,7 +73,7 @@ def land(
     reflected = shaded * hemispherical_albedo(si, dr.gather(mi.UInt32, texel, hit))
     result = ReflectiveShadowMap(
         light_name="",
-        level=None if level is None else level.level,
+        level=None,
         position=si.p,
         normal=face_forward(normal, -ray.d),
         incident_flux=flux,
@@ -78,50 +82,100 @@ def land(
     return result, hit
 
 
-def is_near(p_world: mi.Point3f, level: LevelLayout) -> mi.Bool:
-    """Whether points are so near to a level's window that their surfaces may fill its voxels."""
-    reach = WINDOW_REACH_VOXELS * level.voxel_size
-    inside = mi.Bool(True)
-    for axis in range(3):
-        low = dr.opaque(mi.Float, level.window_min[axis] - reach)
-        high = dr.opaque(mi.Float, level.window_max[axis] + reach)
-        inside &= (p_world[axis] >= low) & (p_world[axis] <= high)
-    return inside
+@dataclass
+class LaneWindows:
+    """Windows of clip levels, each lane its own.
+
+    Attributes
+    ----------
+    levels
+        All of them, of one resolution.
+    number
+        Which of them is the lane's.
+    corners
+        Flat [window, (lowest voxel, least and most world coordinate that counts as near), axis].
+    voxel_sizes
+        [window] world units.
+    """
+
+    levels: Sequence[LevelLayout]
+    number: mi.UInt32
+    corners: tuple[mi.Int32, mi.Float, mi.Float]
+    voxel_sizes: mi.Float
+
+    @classmethod
+    def of(cls, levels: Sequence[LevelLayout], number: mi.UInt32) -> LaneWindows:
+        """Return windows of lanes by their place in a list."""
+        least, most = [], []
+        for level in levels:
+            reach = WINDOW_REACH_VOXELS * level.voxel_size
+            least += [x - reach for x in level.window_min]
+            most += [x + reach for x in level.window_max]
+        origins = mi.Int32([x for level in levels for x in level.origin])
+        sizes = mi.Float([level.voxel_size for level in levels])
+        return cls(levels, number, (origins, mi.Float(least), mi.Float(most)), sizes)
+
+    def are_near(self, p_world: mi.Point3f) -> mi.Bool:
+        """Whether points are so near to their window that their surfaces may fill its voxels."""
+        near = mi.Bool(True)
+        _, least, most = self.corners
+        for axis in range(3):
+            row = 3 * self.number + axis
+            near &= p_world[axis] >= dr.gather(mi.Float, least, row)
+            near &= p_world[axis] <= dr.gather(mi.Float, most, row)
+        return near
+
+    def hold(self, voxel: mi.Vector3i) -> mi.Bool:
+        """Whether voxels lie in their window."""
+        inside = mi.Bool(True)
+        for axis in range(3):
+            origin = dr.gather(mi.Int32, self.corners[0], 3 * self.number + axis)
+            inside &= mi.UInt32(voxel[axis] - origin) < self.levels[0].resolution
+        return inside
+
+    def gather(self, arrays: Sequence[mi.Float], index: mi.UInt32, active: mi.Bool) -> mi.Float:
+        """Return entries of arrays, one of which belongs to each level."""
+        found = mi.Float(0.0)
+        for number, level in enumerate(self.levels):
+            is_own = active & (self.number == number)
+            found += dr.gather(mi.Float, arrays[level.level], index, is_own)
+        return found
 
 
 def is_seen(
     si: mi.SurfaceInteraction3f,
     d: mi.Vector3f,
-    level: LevelLayout,
+    windows: LaneWindows,
     opacity: OpacityClipmap | None,
 ) -> mi.Bool:
-    """Whether light that lands can be seen in a level's voxels.
+    """Whether light that lands can be seen in voxels.
 
     Parameters
     ----------
     si, d
         Where light lands, and the direction in which it travels.
-    level
-        The level.
+    windows
+        The windows that count.
     opacity
-        Its voxels; without them, all of its window counts.
+        Their voxels; without them, all of a window counts.
     """
     # Light on the back of a one-sided surface goes nowhere.
-    seen = is_near(mi.Point3f(si.p), level) & meets_front(si, d)
+    seen = windows.are_near(mi.Point3f(si.p)) & meets_front(si, d)
     if opacity is None:
         return seen
     has_slot = mi.Bool(False)
     normal = face_forward(mi.Vector3f(si.n), -d)
-    where = si.p / level.voxel_size
+    voxel_size = dr.gather(mi.Float, windows.voxel_sizes, windows.number)
+    where = mi.Point3f(si.p / as_component(voxel_size))
+    resolution = windows.levels[0].resolution
     for axis in range(3):
         slot = surface_slot(mi.Float(normal[axis]), opacity.rule)
         layer, is_filled = next(filled_layers(mi.Float(where[axis]), slot))
         voxel = mi.Vector3i(dr.floor(where))
         voxel[axis] = layer
-        index = texel_from_voxel(voxel, level.resolution)
-        index += (2 * axis + slot.side) * level.voxel_count
-        active = seen & is_filled & is_inside(voxel, level)
-        has_slot |= active & (dr.gather(mi.Float, opacity.levels[level.level], index, active) > 0.0)
+        index = texel_from_voxel(voxel, resolution) + (2 * axis + slot.side) * resolution**3
+        active = seen & is_filled & windows.hold(voxel)
+        has_slot |= active & (windows.gather(opacity.levels, index, active) > 0.0)
     return seen & has_slot
 
 

@@ -69,19 +69,53 @@ def render_reflective_shadow_maps(
         full = min(wanted, most)
         maps.append(_light_by_lamps(scene, lights, lamps, layout, (config, full, most)))
     for index in distant:
-        for level in layout.clip_levels:
-            limits = (min(wanted, affordable), affordable)
-            ray, flux = distant_rays(scene, lights[index], level, opacity, limits)
-            owner = dr.full(mi.UInt32, index, dr.width(ray.o))
-            require_power(flux, owner, lights)
-            landed = land(scene, ray, flux, level, dr.arange(mi.UInt32, dr.width(ray.o)))
-            if landed is not None:
-                found, hit = landed
-                owner = dr.gather(mi.UInt32, owner, hit)
-                maps.append(replace(found, light_name=lights[index].name, light_index=owner))
+        limits = (min(wanted, affordable), affordable)
+        rays = distant_rays(scene, lights[index], layout.clip_levels, opacity, limits)
+        owner = dr.full(mi.UInt32, index, dr.width(rays.ray.o))
+        require_power(rays.flux, owner, lights)
+        landed = land(scene, rays.ray, rays.flux, rays.windows, rays.texel)
+        if landed is not None:
+            found, hit = landed
+            named = replace(found, light_name=lights[index].name)
+            named.light_index = dr.gather(mi.UInt32, owner, hit)
+            window = dr.gather(mi.UInt32, rays.windows.number, hit)
+            maps += _by_level(named, window, layout)
     kept = [each for each in maps if each is not None]
     dr.eval(kept)
     return kept
+
+
+def _by_level(
+    rsm: ReflectiveShadowMap, window: mi.UInt32, layout: ClipmapLayout
+) -> list[ReflectiveShadowMap]:
+    """Return the part of a map that each clip level has, from the window of each texel.
+
+    Texels of one window stand side by side, in the order of the levels.
+    """
+    counts = dr.zeros(mi.UInt32, layout.clip_level_count)
+    dr.scatter_reduce(dr.ReduceOp.Add, counts, mi.UInt32(1), window)
+    dr.eval(rsm, counts)
+    parts, begin = [], 0
+    for level, count in zip(layout.clip_levels, np.array(counts).tolist(), strict=True):
+        if count:
+            index = dr.arange(mi.UInt32, count) + dr.opaque(mi.UInt32, begin)
+            parts.append(replace(_texels(rsm, index), level=level.level))
+        begin += count
+    return parts
+
+
+def _texels(rsm: ReflectiveShadowMap, index: mi.UInt32) -> ReflectiveShadowMap:
+    """Return some texels of a map."""
+    assert rsm.light_index is not None, "maps are made of lights"
+    return ReflectiveShadowMap(
+        light_name=rsm.light_name,
+        level=rsm.level,
+        position=dr.gather(mi.Point3f, rsm.position, index),
+        normal=dr.gather(mi.Vector3f, rsm.normal, index),
+        incident_flux=dr.gather(mi.Color3f, rsm.incident_flux, index),
+        reflected_flux=dr.gather(mi.Color3f, rsm.reflected_flux, index),
+        light_index=dr.gather(mi.UInt32, rsm.light_index, index),
+    )
 
 
 def _affordable(map_count: int, config: ReflectiveShadowMapConfig) -> int:

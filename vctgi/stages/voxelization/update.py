@@ -94,24 +94,52 @@ def changed_bounds(before: VoxelSurfaces, after: VoxelSurfaces) -> list[Bounds]:
     list of (low, high)
         World units; empty if nothing changed.
     """
-    rows = [_rows(surfaces) for surfaces in (before, after)]
+    if before is after:
+        return []
+    # Most surfaces stay where they are in the list, and only the others are worth sorting.
+    places = _unlike_places(before, after)
+    rows = [_rows(surfaces, places) for surfaces in (before, after)]
     bounds = []
     for own, other, surfaces in zip(rows, rows[::-1], (before, after), strict=True):
         is_changed = ~np.isin(own, other)
-        for shape in np.unique(surfaces.shape_index[is_changed]):
-            chosen = surfaces.vertices[is_changed & (surfaces.shape_index == shape)]
+        vertices, shapes = surfaces.vertices[places], surfaces.shape_index[places]
+        for shape in np.unique(shapes[is_changed]):
+            chosen = vertices[is_changed & (shapes == shape)]
             bounds.append((chosen.min(axis=(0, 1)), chosen.max(axis=(0, 1))))
     return bounds
 
 
-def _rows(surfaces: VoxelSurfaces) -> np.ndarray:
+Places = np.ndarray | slice
+"""Which of a list of surfaces."""
+
+
+def _unlike_places(before: VoxelSurfaces, after: VoxelSurfaces) -> Places:
+    """Return where two lists of surfaces differ, byte for byte; all places of unequal lengths."""
+    count = len(before.vertices)
+    if count != len(after.vertices):
+        return slice(None)
+    is_unlike = np.zeros(count, dtype=bool)
+    for name in ("vertices", "uv", "mask_index"):
+        one, other = getattr(before, name), getattr(after, name)
+        if one is not other:
+            is_unlike |= np.any(_bits(one) != _bits(other), axis=tuple(range(1, one.ndim)))
+    return np.flatnonzero(is_unlike)
+
+
+def _bits(values: np.ndarray) -> np.ndarray:
+    """Return numbers as bit patterns, which tell what compares as equal and is not the same."""
+    return np.ascontiguousarray(values, dtype=np.float64).view(np.uint64)
+
+
+def _rows(surfaces: VoxelSurfaces, places: Places) -> np.ndarray:
     """Return one comparable value for each surface: its corners and mask, byte for byte."""
-    count = len(surfaces.vertices)
+    vertices = surfaces.vertices[places]
+    count = len(vertices)
     table = np.concatenate(
         [
-            surfaces.vertices.reshape(count, 9),
-            surfaces.uv.reshape(count, 6),
-            surfaces.mask_index[:, None].astype(np.float64),
+            vertices.reshape(count, 9),
+            surfaces.uv[places].reshape(count, 6),
+            surfaces.mask_index[places, None].astype(np.float64),
         ],
         axis=1,
     )

@@ -1,0 +1,157 @@
+"""Frames with a cache equal frames without one, bit for bit, whatever changed in between."""
+
+from __future__ import annotations
+
+import gc
+from dataclasses import replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from tests.vctgi.small_scenes import area_light, camera, load, oblique, room
+from vctgi.clipmap.levels import move_clipmap
+from vctgi.config import RenderConfig, preset
+from vctgi.frame_pipeline import FrameTally
+from vctgi.parameters import ConeParameters
+from vctgi.pipeline import (
+    Frame,
+    LitVolume,
+    PreparedScene,
+    light_volume,
+    prepare_scene,
+    render_frame,
+)
+from vctgi.trace_cache import TraceCache
+
+pytestmark = pytest.mark.usefixtures("variant")
+
+
+def furnished_room(size: int = 16) -> mi.Scene:
+    lamp = {"type": "sphere", "center": [0.3, 0.5, -0.2], "radius": 0.2}
+    glossy = {"type": "twosided", "bsdf": {"type": "roughconductor", "alpha": 0.3}}
+    place = mi.ScalarTransform4f().translate([-0.3, -0.6, -0.2]) @ oblique().scale(0.3)
+    return load(
+        sensor=camera([0.5, 0.2, 0.9], [0.0, -0.2, 0.0], size=size, fov=80.0),
+        lamp={**lamp, "emitter": area_light(4.0)},
+        box={"type": "cube", "to_world": place, "bsdf": glossy},
+        **room(),
+    )
+
+
+def small(name: str) -> RenderConfig:
+    config = preset(name)
+    clipmap = replace(config.clipmap, resolution=16, level_count=2)
+    return replace(config, clipmap=clipmap, samples_per_pixel=1)
+
+
+def lit_scene(scene: mi.Scene, config: RenderConfig) -> tuple[PreparedScene, LitVolume]:
+    prepared = prepare_scene(scene, scene.sensors()[0], config)
+    return prepared, light_volume(prepared, config)
+
+
+def assert_same(found: Frame, expected: Frame) -> None:
+    for name, image in vars(expected).items():
+        if isinstance(image, mi.TensorXf):
+            np.testing.assert_array_equal(np.array(getattr(found, name)), np.array(image), name)
+    assert found.refined_share == expected.refined_share
+
+
+@pytest.mark.parametrize("name", ["medium", "high", "ambient"])
+def test_frames_equal_those_without_a_cache(name: str) -> None:
+    config, cache = small(name), TraceCache()
+    scene = furnished_room()
+    prepared, lit = lit_scene(scene, config)
+    layout = prepared.plan.layout
+
+    def compare(seed: int) -> None:
+        found = render_frame(prepared, lit.volume, config, seed=seed, cache=cache)
+        assert_same(found, render_frame(prepared, lit.volume, config, seed=seed))
+
+    def turn_camera() -> None:
+        values = mi.traverse(prepared.sensor)
+        values["to_world"] = values["to_world"] @ mi.Transform4f().rotate([0.0, 1.0, 0.0], 20.0)
+        values.update()
+
+    for seed in range(3):
+        compare(seed)
+    # A camera that moves for the first time is a constant of the kernels no more.
+    turn_camera()
+    compare(3)
+    recordings = cache.recording_count
+    assert recordings > 0
+    turn_camera()
+    compare(4)
+    # The windows move, with other light in them.
+    x, y, z = layout.centre
+    moved = move_clipmap(layout, (x + 4.0 * layout.finest_voxel_size, y, z))
+    prepared = replace(prepared, plan=replace(prepared.plan, layout=moved))
+    lit = light_volume(prepared, config)
+    compare(5)
+    # Lanes of few that trace cones of their own may be another power of two, and no more.
+    assert cache.recording_count <= recordings + 1
+
+
+def test_moved_surfaces_are_not_stale() -> None:
+    config, cache, scene = small("high"), TraceCache(), furnished_room()
+    prepared, lit = lit_scene(scene, config)
+    for seed in range(2):
+        render_frame(prepared, lit.volume, config, seed=seed, cache=cache)
+    values = mi.traverse(scene)
+    name = next(key for key, _ in values if "box" in key and key.endswith("vertex_positions"))
+    values[name] = values[name] + 0.05
+    values.update()
+    prepared, lit = lit_scene(scene, config)
+    found = render_frame(prepared, lit.volume, config, seed=5, cache=cache)
+    assert_same(found, render_frame(prepared, lit.volume, config, seed=5))
+
+
+def test_another_scene_or_configuration_is_not_mixed_up() -> None:
+    cache = TraceCache()
+    for size, name in ((16, "medium"), (12, "medium")):
+        config = small(name)
+        prepared, lit = lit_scene(furnished_room(size), config)
+        for seed in range(2):
+            found = render_frame(prepared, lit.volume, config, seed=seed, cache=cache)
+        assert_same(found, render_frame(prepared, lit.volume, config, seed=1))
+
+
+def test_scenes_may_come_and_go() -> None:
+    config, cache, others = small("medium"), TraceCache(), []
+    prepared, lit = lit_scene(furnished_room(), config)
+    for seed in range(3):
+        for _ in range(2):
+            found = render_frame(prepared, lit.volume, config, seed=seed, cache=cache)
+        assert_same(found, render_frame(prepared, lit.volume, config, seed=seed))
+        others = [furnished_room(12), furnished_room(12)] if seed == 0 else []
+        gc.collect()
+    assert not others
+
+
+def test_counted_frames_and_those_with_parameters_are_refused() -> None:
+    config, cache = small("medium"), TraceCache()
+    prepared, lit = lit_scene(furnished_room(), config)
+    with pytest.raises(ValueError, match="leave out `cache`"):
+        render_frame(prepared, lit.volume, config, tally=FrameTally(), cache=cache)
+    parameters = ConeParameters.from_config(config)
+    with pytest.raises(ValueError, match="leave out `cache`"):
+        render_frame(prepared, lit.volume, config, parameters=parameters, cache=cache)
+
+
+def test_moving_windows_compile_nothing_new() -> None:
+    config = small("medium")
+    prepared, _ = lit_scene(furnished_room(), config)
+    layout = prepared.plan.layout
+    x, y, z = layout.centre
+    missed = []
+    for step in range(4):
+        moved = move_clipmap(layout, (x + 2.0 * step * layout.finest_voxel_size, y, z))
+        here = replace(prepared, plan=replace(prepared.plan, layout=moved))
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            render_frame(here, light_volume(here, config).volume, config)
+            kernels = dr.kernel_history((dr.KernelType.JIT,))
+        missed.append([kernel["operation_count"] for kernel in kernels if not kernel["cache_hit"]])
+    # The second frame may meet what the first did not, such as a level without light.
+    assert sum(len(each) for each in missed[2:]) == 0, missed
