@@ -28,6 +28,7 @@ from vctgi.frame_pipeline import FrameTally as FrameTally
 from vctgi.frame_pipeline import gather_ambient as gather_ambient
 from vctgi.frame_pipeline import gather_light as gather_light
 from vctgi.frame_pipeline import render_frame as render_frame
+from vctgi.parameters import ConeParameters
 from vctgi.plan import plan_render
 from vctgi.prepared import PreparedScene as PreparedScene
 from vctgi.prepared import StageClock as StageClock
@@ -128,13 +129,19 @@ def prepare_scene(
 
 
 def voxelize_scene(
-    prepared: PreparedScene, config: RenderConfig, clock: StageClock = no_clock
+    prepared: PreparedScene,
+    config: RenderConfig,
+    clock: StageClock = no_clock,
+    parameters: ConeParameters | None = None,
 ) -> SceneVoxels:
-    """Voxelize the surfaces of a scene."""
+    """Voxelize the surfaces of a scene; `parameters` as for `light_volume`."""
     with clock("opacity voxelization"):
         layout = prepared.plan.layout
         triangles = upload_triangles(prepared.surfaces)
-        opacity = voxelize_triangles(triangles, layout, config.voxelization)
+        rules, thickness = config.voxelization, None
+        if parameters is not None:
+            rules, thickness = parameters.voxelization(rules), parameters.get("thickness_voxels")
+        opacity = voxelize_triangles(triangles, layout, rules, thickness)
         dr.eval(opacity.levels)
     filled = count_voxels(box for level in layout.clip_levels for box in own_regions(layout, level))
     return SceneVoxels(prepared.surfaces, triangles, opacity, filled)
@@ -176,14 +183,33 @@ def light_volume(
     config: RenderConfig,
     clock: StageClock = no_clock,
     voxels: SceneVoxels | None = None,
+    parameters: ConeParameters | None = None,
 ) -> LitVolume:
     """Light the voxels of a scene, which are made first if they are not given.
 
     In the mode "ambient" there is no light: they are only downsampled.
+
+    Parameters
+    ----------
+    prepared, config
+        Scene, and how it is lit.
+    clock
+        Times the stages.
+    voxels
+        What `voxelize_scene` or `update_voxels` returned; None: made here.
+    parameters
+        Values that go before the numbers of `config`, for derivatives; None: those numbers.
+
+    Raises
+    ------
+    ValueError
+        Parameters out of their bounds.
     """
     plan = prepared.plan
+    if parameters is not None:
+        parameters.check_bounds()
     if voxels is None:
-        voxels = voxelize_scene(prepared, config, clock)
+        voxels = voxelize_scene(prepared, config, clock, parameters)
     opacity = voxels.opacity
     if config.mode == "ambient":
         with clock("downsampling"):
@@ -199,7 +225,8 @@ def light_volume(
         with clock("radiance of lit points"):
             maps = with_radiance(prepared.scene, maps)
     with clock("light injection"):
-        emittance = inject_light(maps, opacity, config.injection)
+        scale = None if parameters is None else parameters.get("prefilter_scale")
+        emittance = inject_light(maps, opacity, config.injection, scale)
     fluxes: list[float] = []
     if plan.bounce_count > 0 or plan.has_sky_by_cones:
         emittance, fluxes = light_by_cones(

@@ -47,6 +47,8 @@ BOUNDS = {
     "sparse_normal_angle": (0.0, False, math.pi + 1e-6),
     "sparse_plane_slope": (0.0, False, math.inf),
     "sparse_depth_ratio": (0.0, False, math.inf),
+    "prefilter_scale": (0.0, False, math.inf),
+    "thickness_voxels": (0.0, True, 2.0 + 1e-6),
 }
 """Lower end, whether it belongs to the interval, and upper end, which does not."""
 
@@ -223,7 +225,7 @@ class ConeValues(Mapping[str, "mi.Float"]):
         self._values[name] = _opaque([number])
 
     def _tuple(self, name: str) -> tuple[float, ...]:
-        return tuple(float(each) for each in self._values[name])
+        return tuple(float(each) for each in dr.detach(self._values[name]))
 
     def _single(self, name: str) -> float:
         """Return the one value of a parameter."""

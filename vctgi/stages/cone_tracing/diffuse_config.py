@@ -130,7 +130,9 @@ class DiffuseConesConfig:
             cones = replace(cones, weights=tuple(w / total for w in self.cone_weights))
         if self.cone_elevations is None and self.cone_azimuths is None:
             return cones
-        elevations = self.cone_elevations or [math.acos(min(1.0, z)) for _, _, z in cones.directions]
+        elevations = self.cone_elevations or [
+            math.acos(min(1.0, z)) for _, _, z in cones.directions
+        ]
         azimuths = self.cone_azimuths or [math.atan2(y, x) for x, y, _ in cones.directions]
         directions = tuple(map(_axis, elevations, azimuths))
         return replace(cones, directions=directions)

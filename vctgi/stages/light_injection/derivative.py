@@ -1,5 +1,9 @@
 """The sums of injected light once more, in numbers that have derivatives.
 
+A surface that covers more of a voxel's face is lit where it newly covers it as it is elsewhere, so
+each texel counts as its slot's opacity does; so shapes and thickness change light without moving
+texels from voxel to voxel, which they do in jumps.
+
 Integers have none. Each sum is linear in the light of its texels: the same weights, in double
 precision, give it the derivatives; its value stays that of the integers. The adjoint of a scatter
 is a gather, so reverse mode reads each slot's adjoint back with the weight that the texel wrote by.
@@ -7,17 +11,25 @@ is a gather, so reverse mode reads each slot's adjoint back with the weight that
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.addressing import is_inside, texel_from_voxel
+from vctgi.clipmap.addressing import texel_from_voxel
+from vctgi.clipmap.levels import LevelLayout
+from vctgi.clipmap.storage import OpacityClipmap
+from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.scene.records import ReflectiveShadowMap
-from vctgi.stages.light_injection.splats import CoveredSlots, Splats, kernel_weight, neighbour
-from vctgi.stages.light_injection.target import NOWHERE, Target
+from vctgi.stages.light_injection.balance import blurred
+from vctgi.stages.light_injection.splats import CoveredSlots, Splats
+from vctgi.stages.light_injection.target import Target
 
 
-def have_derivatives(maps: list[ReflectiveShadowMap]) -> bool:
-    """Whether the light of any texel has derivatives.
+def have_derivatives(
+    maps: list[ReflectiveShadowMap], opacity: OpacityClipmap, scale: mi.Float | None
+) -> bool:
+    """Whether the light of any texel has derivatives, or where it goes.
 
     Raises
     ------
@@ -31,34 +43,65 @@ def have_derivatives(maps: list[ReflectiveShadowMap]) -> bool:
                 "direction, or of vertices), and the voxel that a point lies in changes in jumps: "
                 "detach that parameter, or render it with another integrator."
             )
-    return any(dr.grad_enabled(rsm.reflected_flux, rsm.radiance) for rsm in maps)
+    return dr.grad_enabled(opacity.levels, scale) or any(
+        dr.grad_enabled(rsm.reflected_flux, rsm.radiance) for rsm in maps
+    )
+
+
+def detached_slots(covered: CoveredSlots) -> CoveredSlots:
+    """Return the same slots without derivatives."""
+    taps = [dr.detach(tap) if isinstance(tap, mi.Float) else tap for tap in covered.taps]
+    return replace(covered, drawing=dr.detach(covered.drawing), taps=taps)
 
 
 def make_mirror(target: Target) -> list[mi.Float64]:
-    """Return sums of nothing, one for each of the target's channels."""
-    return [dr.zeros(mi.Float64, dr.width(sums)) for sums in target.sums]
+    """Return sums [direction, z, y, x] of nothing, one for each of the target's channels."""
+    size = DIRECTION_COUNT * target.level.voxel_count
+    return [dr.zeros(mi.Float64, size) for _ in target.sums]
 
 
-def mirror_splats(
-    mirror: list[mi.Float64], target: Target, splats: Splats, covered: CoveredSlots, width: int
-) -> None:
-    """Add splats to the sums, with the weights of `scatter_splats`."""
+def mirror_splats(mirror: list[mi.Float64], splats: Splats, level: LevelLayout) -> None:
+    """Add splats to the slots that they lie in; `mirror` is changed in place."""
+    slot = texel_from_voxel(splats.voxel, level.resolution) + splats.direction * level.voxel_count
+    for sums, light in zip(mirror, splats.light, strict=True):
+        dr.scatter_reduce(dr.ReduceOp.Add, sums, mi.Float64(light), slot, splats.is_seen)
+
+
+def spread_mirror(
+    mirror: list[mi.Float64], covered: CoveredSlots, alpha: mi.Float, width: int
+) -> list[mi.Float]:
+    """Return what slots have after the pre-filter, as `scatter_splats` leaves it.
+
+    Its weights follow from the slot that a texel lies in, not from where in it the texel lies, so
+    all texels of a slot are spread together.
+
+    Parameters
+    ----------
+    mirror
+        What `mirror_splats` summed.
+    covered
+        Slots of the level; they may have derivatives.
+    alpha
+        Their opacity [direction, z, y, x].
+    width
+        Of the pre-filter, voxels.
+    """
     level = covered.level
-    block = splats.direction * level.voxel_count
-    for number in range(width**3):
-        voxel, weight = splats.voxel, mi.Float(1.0)
-        is_lit = splats.is_seen
-        if width > 1:
-            step = neighbour(mi.UInt32(number), width)
-            voxel = splats.voxel + step
-            is_lit = is_lit & is_inside(voxel, level)
-            texel = texel_from_voxel(voxel, level.resolution)
-            held = dr.gather(mi.Float, covered.drawing, texel + block, is_lit)
-            weight = kernel_weight(step, width) * held * splats.per_weight
-        texel = texel_from_voxel(voxel, level.resolution)
-        place = dr.gather(mi.UInt32, target.place, texel, is_lit)
-        is_lit &= place != NOWHERE
-        slot = place + splats.direction * target.count
-        for sums, light in zip(mirror, splats.light, strict=True):
-            amount = mi.Float64(light * weight)
-            dr.scatter_reduce(dr.ReduceOp.Add, sums, amount, slot, is_lit)
+    lights = [mi.Float(sums) for sums in mirror]
+    if dr.grad_enabled(alpha):
+        value = dr.detach(alpha)
+        ratio = dr.select(value > 0.0, alpha / dr.select(value > 0.0, value, 1.0), 1.0)
+        lights = [light * ratio for light in lights]
+    if width == 1:
+        return lights
+
+    def spread(values: mi.Float) -> mi.Float:
+        for axis in range(3):
+            values = blurred(values, level, axis, covered.taps)
+            dr.eval(values)
+        return values
+
+    around = spread(covered.drawing)
+    has_weight = around > 0.0
+    per_weight = dr.select(has_weight, 1.0 / dr.select(has_weight, around, 1.0), 0.0)
+    return [covered.drawing * spread(light * per_weight) for light in lights]

@@ -22,7 +22,7 @@ from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.stages.light_injection.balance import drawing_power
 from vctgi.stages.light_injection.config import LightInjectionConfig
-from vctgi.stages.light_injection.kernels import tap_weight
+from vctgi.stages.light_injection.kernels import Taps, scaled_taps, tap_weight
 
 
 @dataclass
@@ -40,20 +40,26 @@ class CoveredSlots:
     drawing
         [direction, z, y, x]: what the kernel's weight of each slot is multiplied by; 0 without
         opacity.
+    taps
+        Of the pre-filter along an axis; none without one.
     """
 
     level: LevelLayout
     finer: LevelLayout | None
     rule: SlotRule
     drawing: mi.Float
+    taps: Taps
 
 
-def covered_slots(opacity: OpacityClipmap, level: LevelLayout, width: int) -> CoveredSlots:
-    """Return the slots of a level that have opacity, for a pre-filter of this width."""
+def covered_slots(
+    opacity: OpacityClipmap, level: LevelLayout, width: int, scale: mi.Float | None = None
+) -> CoveredSlots:
+    """Return the slots of a level that have opacity, for a pre-filter of this width and scale."""
     alpha = opacity.levels[level.level]
-    drawing = alpha if width == 1 else drawing_power(alpha, level, width)
+    taps = scaled_taps(width, scale) if width > 1 else ()
+    drawing = alpha if width == 1 else drawing_power(alpha, level, width, taps)
     finer = opacity.layout.levels[level.level - 1] if level.level > 0 else None
-    return CoveredSlots(level, finer, opacity.rule, drawing)
+    return CoveredSlots(level, finer, opacity.rule, drawing, taps)
 
 
 @dataclass
@@ -104,9 +110,9 @@ def neighbour(number: mi.UInt32, width: int) -> mi.Vector3i:
     return mi.Vector3i(mi.Int32(x), mi.Int32(y), mi.Int32(z)) - width // 2
 
 
-def kernel_weight(step: mi.Vector3i, width: int) -> mi.Float:
+def kernel_weight(step: mi.Vector3i, taps: Taps) -> mi.Float:
     """Weight of the voxel `step` away from the one that a splat lies in."""
-    x, y, z = (tap_weight(mi.Int32(step[axis]), width) for axis in range(3))
+    x, y, z = (tap_weight(mi.Int32(step[axis]), taps) for axis in range(3))
     return x * y * z
 
 
@@ -166,7 +172,7 @@ def _per_weight(splats: Splats, covered: CoveredSlots, width: int) -> mi.Float:
         step = neighbour(number, width)
         voxel = splats.voxel + step
         held = drawing_at(voxel, splats.is_active & is_inside(voxel, level))
-        return number + 1, dr.fma(kernel_weight(step, width), held, total)
+        return number + 1, dr.fma(kernel_weight(step, covered.taps), held, total)
 
     _, total = dr.while_loop(
         state=(dr.zeros(mi.UInt32, lanes), dr.zeros(mi.Float, lanes)),

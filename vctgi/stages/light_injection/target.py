@@ -35,8 +35,9 @@ class Target:
         For each channel the sums [direction, place] in fixed point.
     steps
         Fixed-point steps per unit of the first three channels, and of the other three.
-    mirror
-        The sums in emittance, with derivatives; None where the light has none.
+    mirror, live
+        What texels add to the slots [direction, z, y, x] that they lie in, in emittance with
+        derivatives, and what slots have of it after the pre-filter; None where there are none.
     """
 
     level: LevelLayout
@@ -46,6 +47,7 @@ class Target:
     sums: list[mi.Int64]
     steps: list[float]
     mirror: list[mi.Float64] | None = None
+    live: list[mi.Float] | None = None
 
 
 def make_target(
