@@ -1,7 +1,7 @@
 """The sums of injected light once more, in numbers that have derivatives.
 
 A surface that covers more of a voxel's face is lit where it newly covers it as it is elsewhere, so
-each texel counts as its slot's opacity does; so shapes and thickness change light without moving
+each texel counts as the covered area of its slot does; so shapes and thickness change light without moving
 texels from voxel to voxel, which they do in jumps.
 
 Integers have none. Each sum is linear in the light of its texels: the same weights, in double
@@ -68,7 +68,7 @@ def mirror_splats(mirror: list[mi.Float64], splats: Splats, level: LevelLayout) 
 
 
 def spread_mirror(
-    mirror: list[mi.Float64], covered: CoveredSlots, alpha: mi.Float, width: int
+    mirror: list[mi.Float64], covered: CoveredSlots, growth: mi.Float | None, width: int
 ) -> list[mi.Float]:
     """Return what slots have after the pre-filter, as `scatter_splats` leaves it.
 
@@ -81,17 +81,15 @@ def spread_mirror(
         What `mirror_splats` summed.
     covered
         Slots of the level; they may have derivatives.
-    alpha
-        Their opacity [direction, z, y, x].
+    growth
+        Of the level (`OpacityClipmap.growth`).
     width
         Of the pre-filter, voxels.
     """
     level = covered.level
     lights = [mi.Float(sums) for sums in mirror]
-    if dr.grad_enabled(alpha):
-        value = dr.detach(alpha)
-        ratio = dr.select(value > 0.0, alpha / dr.select(value > 0.0, value, 1.0), 1.0)
-        lights = [light * ratio for light in lights]
+    if growth is not None:
+        lights = [light * growth for light in lights]
     if width == 1:
         return lights
 

@@ -246,7 +246,6 @@ def _fill(
     """Overwrite the emittance in boxes of a level; return the share of flux that was lost."""
     level = target.level
     config, scale = rules
-    alpha = opacity.levels[level.level]
     live = covered_slots(opacity, level, config.prefilter, scale)
     covered = detached_slots(live)
     keys = nearest_keys(target)
@@ -271,7 +270,8 @@ def _fill(
                     lost += _brightness(splats, splats.is_active & ~splats.is_seen)
         first_texel += rsm.texel_count
     if target.mirror is not None:
-        target.live = spread_mirror(target.mirror, live, alpha, config.prefilter)
+        growth = None if opacity.growth is None else opacity.growth[level.level]
+        target.live = spread_mirror(target.mirror, live, growth, config.prefilter)
     _write(lit, target, opacity, keys, maps, config)
     return lost / (found + lost) if found + lost > 0.0 else 0.0
 

@@ -169,19 +169,29 @@ def voxelize_triangles(
     regions = [box for level in layout.clip_levels for box in own_regions(layout, level)]
     if config.is_complete:
         regions = [window_region(level) for level in layout.clip_levels]
-    live = Live(triangles, thickness) if is_live else None
+    growth = [dr.full(mi.Float, 1.0, dr.width(level)) for level in levels]
+    live = Live(triangles, thickness, growth) if is_live else None
     triangles = without_derivatives(triangles)
     boxes = occupied_regions(triangles, regions, config.reach_voxels)
     fill_regions(levels, triangles, boxes, config, live=live)
-    return OpacityClipmap(layout, levels, config.slots)
+    return OpacityClipmap(layout, levels, config.slots, growth if is_live else None)
 
 
 @dataclass
 class Live:
-    """What coverage has derivatives by: triangles, and their thickness if it has any."""
+    """What coverage has derivatives by, and how it grows.
+
+    Attributes
+    ----------
+    triangles, thickness
+        Triangles, and their thickness if it has derivatives.
+    growth
+        As in `OpacityClipmap`; changed in place.
+    """
 
     triangles: DeviceTriangles
     thickness: mi.Float | None
+    growth: list[mi.Float]
 
 
 def fill_regions(
@@ -219,7 +229,8 @@ def fill_regions(
             own = list(boxes)
             voxel_count = count_voxels(own)
             empty = [box for box in cleared if box.level == level]
-            _write(levels[level.level], words, own, empty, offset, config)
+            growth = None if live is None else live.growth[level.level]
+            _write((levels[level.level], growth), words, own, empty, offset, config)
             offset += DIRECTION_COUNT * config.supersampling(level.level) ** 2 * voxel_count
         dr.eval([levels[region.level.level] for region in group])
 
@@ -263,7 +274,7 @@ def _passes(regions: Sequence[Region], config: OpacityVoxelizationConfig) -> Ite
 
 
 def _write(
-    opacity: mi.Float,
+    result: tuple[mi.Float, mi.Float | None],
     words: list[Words],
     boxes: list[Region],
     empty: list[Region],
@@ -272,9 +283,11 @@ def _write(
 ) -> None:
     """Turn the coverage of the boxes of a level into opacity at its texels, and clear others.
 
-    Second words are the same coverage in faces, with derivatives.
+    Second words are the same coverage in faces, with derivatives; they come with a second result,
+    `Live.growth`.
     """
     held, *mirror = words
+    opacity, growth = result
     level = boxes[0].level
     factor, voxel_count = config.supersampling(level.level), count_voxels(boxes + empty)
     # What differs from frame to frame is opaque, so that a moved camera compiles nothing.
@@ -303,6 +316,10 @@ def _write(
             own = dr.gather(mi.Float64, sums, word(side, 0), is_covered)
             found += own - dr.detach(own)
         share = dr.minimum(mi.Float(found), 1.0)
+        if growth is not None:
+            value = dr.select(areas > 0, dr.detach(found), 1.0)
+            grown = mi.Float(dr.select(areas > 0, found / value, 1.0))
+            dr.scatter(growth, grown, texel + slot * level.voxel_count)
     else:
         covered = mi.UInt32(0)
         for sub_face in range(factor**2):
