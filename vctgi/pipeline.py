@@ -111,15 +111,22 @@ def prepare_scene(
     """
     with clock("scene"):
         is_cut = config.emission_in_voxels or config.sky_in_cones or config.sky_lighting == "cones"
-        check_derivatives(scene, ("radiance",) if is_cut else ())
+        has_light = config.mode != "ambient"
+        is_tangled = has_light and (is_cut or config.bounce_count > 0)
+        check_derivatives(
+            scene,
+            ("radiance",) if is_cut else (),
+            can_shapes_move=config.voxelization.coverage == "analytic" and not is_tangled,
+        )
         lights = [] if config.mode == "ambient" else list_lights(scene)
         if not lights and config.mode != "ambient":
             raise SceneError("no light", "the scene", "add an emitter")
         check_lights(lights)
         triangles = extract_triangles(scene)
         materials = [describe_material(bsdf) for bsdf in triangles.bsdfs]
-        surfaces = select_surfaces(scene, sensor, triangles, materials)
-        plan = plan_render(scene, sensor, triangles, materials, lights, config)
+        with dr.suspend_grad():
+            surfaces = select_surfaces(scene, sensor, triangles, materials)
+            plan = plan_render(scene, sensor, triangles, materials, lights, config)
     sky = None
     if plan.has_sky_in_cones or plan.has_sky_by_cones:
         with clock("sky"):

@@ -61,13 +61,16 @@ class OpacityClipmap:
         How thick the surfaces were made, which their light has to follow.
     growth
         For each level 1, with the derivative of each slot's covered area over that area, which
-        goes on where opacity stops at 1; None where opacity has no derivatives.
+        goes on where opacity stops at 1; None where no surface moves.
+    thickness
+        `rule.thickness_voxels` with derivatives, one lane; None where it has none.
     """
 
     layout: ClipmapLayout
     levels: list[mi.Float]
     rule: SlotRule = DEFAULT_RULE
     growth: list[mi.Float] | None = None
+    thickness: mi.Float | None = None
 
 
 @dataclass

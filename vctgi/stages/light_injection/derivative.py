@@ -1,8 +1,8 @@
 """The sums of injected light once more, in numbers that have derivatives.
 
 A surface that covers more of a voxel's face is lit where it newly covers it as it is elsewhere, so
-each texel counts as the covered area of its slot does; so shapes and thickness change light without moving
-texels from voxel to voxel, which they do in jumps.
+each texel counts as the covered area of its slot does; so shapes and thickness change light
+without moving texels from voxel to voxel, which happens in jumps.
 
 Integers have none. Each sum is linear in the light of its texels: the same weights, in double
 precision, give it the derivatives; its value stays that of the integers. The adjoint of a scatter
@@ -16,13 +16,14 @@ from dataclasses import replace
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.addressing import texel_from_voxel
+from vctgi.clipmap.addressing import is_inside, texel_from_voxel
 from vctgi.clipmap.levels import LevelLayout
+from vctgi.clipmap.slots import BEHIND_NUDGE, surface_slot
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.stages.light_injection.balance import blurred
-from vctgi.stages.light_injection.splats import CoveredSlots, Splats
+from vctgi.stages.light_injection.splats import CoveredSlots, Splats, splat_light
 from vctgi.stages.light_injection.target import Target
 
 
@@ -103,3 +104,60 @@ def spread_mirror(
     has_weight = around > 0.0
     per_weight = dr.select(has_weight, 1.0 / dr.select(has_weight, around, 1.0), 0.0)
     return [covered.drawing * spread(light * per_weight) for light in lights]
+
+
+def mirror_thickness(
+    mirror: list[mi.Float64],
+    rsm: ReflectiveShadowMap,
+    covered: CoveredSlots,
+    axis: int,
+    opacity: OpacityClipmap,
+) -> None:
+    """Add what texels give to further layers along an axis when surfaces become thicker.
+
+    A texel fills a layer from the thickness on at which its segment touches it. That jump is
+    spread over thicknesses half a voxel less and more (or as much less as there are), so that each
+    texel of a sloped surface gives its light to the layer whose boundary its segment's end is
+    nearest to. The value that is added is zero.
+
+    Parameters
+    ----------
+    mirror
+        Sums; changed in place.
+    rsm
+        Texels.
+    covered
+        Slots of the level.
+    axis
+        Along which surfaces become thicker.
+    opacity
+        Voxels, whose thickness has derivatives.
+    """
+    assert opacity.thickness is not None, "nothing becomes thicker"
+    level, alpha = covered.level, dr.detach(opacity.levels[covered.level.level])
+    reach = min(0.5, max(covered.rule.thickness_voxels, LEAST_REACH))
+    slot = surface_slot(mi.Float(rsm.normal[axis]), covered.rule)
+    where, behind = rsm.position / level.voxel_size, mi.Float(slot.behind)
+    begin = mi.Float(where[axis]) + behind * BEHIND_NUDGE
+    end = begin + behind * slot.thickness
+    # How far the end lies behind the boundary of its layer.
+    past = behind * end - dr.floor(behind * end)
+    is_past = past < 0.5
+    is_near = dr.select(is_past, past, 1.0 - past) < reach
+    voxel = mi.Vector3i(dr.floor(where))
+    voxel[axis] = mi.Int32(dr.floor(end)) + dr.select(is_past, mi.Int32(0), slot.behind)
+    active = slot.is_facing & slot.is_sloped & is_near & is_inside(voxel, level)
+    active &= voxel[axis] != mi.Int32(dr.floor(begin))
+    if covered.finer is not None:
+        active &= ~is_inside(2 * voxel, covered.finer)
+    index = texel_from_voxel(voxel, level.resolution)
+    index += (2 * axis + slot.side) * level.voxel_count
+    active &= dr.gather(mi.Float, alpha, index, active) > 0.0
+    thicker = (opacity.thickness - dr.detach(opacity.thickness)) / (2.0 * reach)
+    for sums, light in zip(mirror, splat_light(rsm, level, axis, len(mirror)), strict=True):
+        amount = mi.Float64(dr.detach(light) * thicker)
+        dr.scatter_reduce(dr.ReduceOp.Add, sums, amount, index, active)
+
+
+LEAST_REACH = 0.05
+"""Voxels over which the jump of a texel is spread at least, when surfaces are hardly thick."""

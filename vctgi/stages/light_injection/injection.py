@@ -37,6 +37,7 @@ from vctgi.stages.light_injection.derivative import (
     have_derivatives,
     make_mirror,
     mirror_splats,
+    mirror_thickness,
     spread_mirror,
 )
 from vctgi.stages.light_injection.gather import gather_splats
@@ -254,6 +255,8 @@ def _fill(
     found, lost, first_texel = 0.0, 0.0, 0
     for rsm in maps:
         for axis in range(3):
+            if target.mirror is not None and opacity.thickness is not None:
+                mirror_thickness(target.mirror, rsm, covered, axis, opacity)
             for attached in make_splats(rsm, covered, axis, config):
                 # Integers have no derivatives, and loops that make them must not look for any.
                 splats = replace(attached, light=dr.detach(attached.light))

@@ -116,6 +116,18 @@ def kernel_weight(step: mi.Vector3i, taps: Taps) -> mi.Float:
     return x * y * z
 
 
+def splat_light(
+    rsm: ReflectiveShadowMap, level: LevelLayout, axis: int, channel_count: int
+) -> list[mi.Float]:
+    """Return what texels add to a slot along an axis, as `Splats.light`."""
+    value = rsm.reflected_flux * (dr.abs(rsm.normal[axis]) * radiance_per_flux(level))
+    light = [mi.Float(value[channel]) for channel in range(3)]
+    if channel_count > 3:
+        assert rsm.radiance is not None, "injection asks for the radiance before it makes splats"
+        light += [light[channel] * mi.Float(rsm.radiance[channel]) for channel in range(3)]
+    return light
+
+
 def make_splats(
     rsm: ReflectiveShadowMap,
     covered: CoveredSlots,
@@ -125,11 +137,8 @@ def make_splats(
     """Yield the splats of a map along an axis, layer by layer, nearest first."""
     level = covered.level
     slot = surface_slot(mi.Float(rsm.normal[axis]), covered.rule)
-    value = rsm.reflected_flux * (dr.abs(rsm.normal[axis]) * radiance_per_flux(level))
-    light = [mi.Float(value[channel]) for channel in range(3)]
-    if config.normalisation == "radiance" and config.algorithm != "centre":
-        assert rsm.radiance is not None, "injection asks for the radiance before it makes splats"
-        light += [light[channel] * mi.Float(rsm.radiance[channel]) for channel in range(3)]
+    is_bounded = config.normalisation == "radiance" and config.algorithm != "centre"
+    light = splat_light(rsm, level, axis, 6 if is_bounded else 3)
     where = rsm.position / level.voxel_size
     voxel = mi.Vector3i(dr.floor(where))
     offset = mi.Vector3f(where - mi.Point3f(voxel)) - 0.5

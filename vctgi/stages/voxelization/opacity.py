@@ -8,7 +8,6 @@ the coarsest level, are left at zero; downsampling fills them.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
@@ -169,12 +168,18 @@ def voxelize_triangles(
     regions = [box for level in layout.clip_levels for box in own_regions(layout, level)]
     if config.is_complete:
         regions = [window_region(level) for level in layout.clip_levels]
-    growth = [dr.full(mi.Float, 1.0, dr.width(level)) for level in levels]
-    live = Live(triangles, thickness, growth) if is_live else None
+    growth, live = None, None
+    if is_live:
+        if dr.grad_enabled(triangles.corners):
+            growth = [dr.full(mi.Float, 1.0, dr.width(level)) for level in levels]
+        thickness = thickness if dr.grad_enabled(thickness) else None
+        live = Live(triangles, thickness, growth)
     triangles = without_derivatives(triangles)
     boxes = occupied_regions(triangles, regions, config.reach_voxels)
     fill_regions(levels, triangles, boxes, config, live=live)
-    return OpacityClipmap(layout, levels, config.slots, growth if is_live else None)
+    return OpacityClipmap(
+        layout, levels, config.slots, growth, None if live is None else live.thickness
+    )
 
 
 @dataclass
@@ -191,7 +196,7 @@ class Live:
 
     triangles: DeviceTriangles
     thickness: mi.Float | None
-    growth: list[mi.Float]
+    growth: list[mi.Float] | None
 
 
 def fill_regions(
@@ -224,12 +229,16 @@ def fill_regions(
         words: list[Words] = [_cover(triangles, table, config)]
         if live is not None:
             words.append(mirror_areas(live.triangles, table, config.slots, live.thickness))
+            if live.growth is not None and live.thickness is not None:
+                words.append(mirror_areas(live.triangles, table, config.slots, None))
         offset = 0
         for level, boxes in groupby(group, key=lambda region: region.level):
             own = list(boxes)
             voxel_count = count_voxels(own)
             empty = [box for box in cleared if box.level == level]
-            growth = None if live is None else live.growth[level.level]
+            growth = None
+            if live is not None and live.growth is not None:
+                growth = live.growth[level.level]
             _write((levels[level.level], growth), words, own, empty, offset, config)
             offset += DIRECTION_COUNT * config.supersampling(level.level) ** 2 * voxel_count
         dr.eval([levels[region.level.level] for region in group])
@@ -283,10 +292,10 @@ def _write(
 ) -> None:
     """Turn the coverage of the boxes of a level into opacity at its texels, and clear others.
 
-    Second words are the same coverage in faces, with derivatives; they come with a second result,
-    `Live.growth`.
+    Second words are the same coverage in faces, with derivatives, and third ones those by corners
+    alone, if they differ; they come with a second result, `Live.growth`.
     """
-    held, *mirror = words
+    held, *mirrors = words
     opacity, growth = result
     level = boxes[0].level
     factor, voxel_count = config.supersampling(level.level), count_voxels(boxes + empty)
@@ -310,15 +319,20 @@ def _write(
         areas = mi.Int64(0)
         for side in sides:
             areas += dr.gather(mi.Int64, held, word(side, 0), is_covered)
-        found = mi.Float64(areas) / UNIT
-        for sums, side in itertools.product(mirror, sides):
-            # Values of the integers, derivatives of the mirror: what is added is zero.
-            own = dr.gather(mi.Float64, sums, word(side, 0), is_covered)
-            found += own - dr.detach(own)
-        share = dr.minimum(mi.Float(found), 1.0)
+        plain = mi.Float64(areas) / UNIT
+
+        def live(sums: Words) -> mi.Float64:
+            found = mi.Float64(plain)
+            for side in sides:
+                # Values of the integers, derivatives of the mirror: what is added is zero.
+                own = dr.gather(mi.Float64, sums, word(side, 0), is_covered)
+                found += own - dr.detach(own)
+            return found
+
+        share = dr.minimum(mi.Float(live(mirrors[0]) if mirrors else plain), 1.0)
         if growth is not None:
-            value = dr.select(areas > 0, dr.detach(found), 1.0)
-            grown = mi.Float(dr.select(areas > 0, found / value, 1.0))
+            value = dr.select(areas > 0, plain, 1.0)
+            grown = mi.Float(dr.select(areas > 0, live(mirrors[-1]) / value, 1.0))
             dr.scatter(growth, grown, texel + slot * level.voxel_count)
     else:
         covered = mi.UInt32(0)
