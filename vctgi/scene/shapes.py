@@ -157,7 +157,11 @@ def _mesh_from_shape(shape: mi.Shape, name: str, *, is_in_scene: bool) -> ShapeM
     if isinstance(shape, mi.Mesh):
         buffer = shape.vertex_positions_buffer()
         positions = np.array(dr.detach(buffer), dtype=np.float64).reshape(-1, 3)
-        live = dr.unravel(mi.Point3f, buffer) if dr.grad_enabled(buffer) else None
+        live = None
+        if dr.grad_enabled(buffer):
+            # A variable of its own: Dr.Jit 1.5 overwrites the derivatives that calls of shapes
+            # brought to the buffer with those of gathers from it.
+            live = dr.unravel(mi.Point3f, buffer * dr.opaque(mi.Float, 1.0))
         faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3)
         uv = (
             np.array(shape.vertex_texcoords_buffer(), dtype=np.float64).reshape(-1, 2)
