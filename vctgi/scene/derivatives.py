@@ -92,18 +92,23 @@ def moving_names(scene: mi.Scene, *, can_shapes_move: bool) -> set[str]:
         Whether the configuration follows shapes: analytic coverage, and light of one bounce that
         lamps send to surfaces.
     """
-    found = {
-        f"{emitter.id()}.{name}"
+    parameters: Any = mi.traverse(scene)
+    followed: dict[Any, tuple[str, ...]] = {
+        emitter.ptr: ("position", "to_world")
         for emitter in scene.emitters()
         if emitter.class_name() in MOVING_LIGHTS
-        for name in ("position", "to_world")
     }
     for shape in scene.shapes() if can_shapes_move else []:
-        if isinstance(shape, mi.Mesh) and shape.emitter() is None:
-            found |= {f"{shape.id()}.{name}" for name in PLACE_NAMES}
-        elif shape.class_name() in MOVING_SHAPES:
-            found.add(f"{shape.id()}.to_world")
-    return found
+        if shape.class_name() in MOVING_SHAPES:
+            followed[shape.ptr] = ("to_world",)
+        elif isinstance(shape, mi.Mesh) and shape.emitter() is None:
+            followed[shape.ptr] = PLACE_NAMES
+    # Names do not say what a parameter belongs to: a merged mesh has one that its shape has not.
+    return {
+        name
+        for name, (_, _, owner, _) in parameters.properties.items()
+        if name.rpartition(".")[2] in followed.get(getattr(owner, "ptr", None), ())
+    }
 
 
 MOVING_LIGHTS = ("PointLight", "SpotLight", "DirectionalEmitter")

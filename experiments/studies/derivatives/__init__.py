@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from experiments.studies.check import Check, Measured, StudyContext
-from experiments.studies.derivatives import cost, prb, stable
+from experiments.studies.derivatives import cost, placed, prb, stable
 from experiments.studies.derivatives.measure import (
     MODES,
     Picture,
@@ -125,7 +125,7 @@ def checks() -> list[Check]:
         )
         for least in ENDS
     ]
-    return found + stable.checks() + prb.checks() + cost.checks(SCENE)
+    return found + stable.checks() + placed.checks() + prb.checks() + cost.checks(SCENE)
 
 
 def _bias_of_ending(context: StudyContext, least: float) -> Measured:

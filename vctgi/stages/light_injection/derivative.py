@@ -17,7 +17,6 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.addressing import is_inside, texel_from_voxel
-from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.slots import BEHIND_NUDGE, surface_slot
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.directions import DIRECTION_COUNT
@@ -61,38 +60,44 @@ def make_mirror(target: Target) -> list[mi.Float64]:
     return [dr.zeros(mi.Float64, size) for _ in target.sums]
 
 
-def mirror_splats(mirror: list[mi.Float64], splats: Splats, level: LevelLayout) -> None:
-    """Add splats to the slots that they lie in; `mirror` is changed in place."""
+def mirror_splats(target: Target, splats: Splats) -> None:
+    """Add splats to the slots of the mirror that they lie in, if the target has one."""
+    if target.mirror is None:
+        return
+    level = target.level
     slot = texel_from_voxel(splats.voxel, level.resolution) + splats.direction * level.voxel_count
-    for sums, light in zip(mirror, splats.light, strict=True):
+    for sums, light in zip(target.mirror, splats.light, strict=True):
         dr.scatter_reduce(dr.ReduceOp.Add, sums, mi.Float64(light), slot, splats.is_seen)
 
 
 def spread_mirror(
-    mirror: list[mi.Float64], covered: CoveredSlots, growth: mi.Float | None, width: int
-) -> list[mi.Float]:
-    """Return what slots have after the pre-filter, as `scatter_splats` leaves it.
+    target: Target, covered: CoveredSlots, opacity: OpacityClipmap, width: int
+) -> None:
+    """Find what slots have after the pre-filter, as `scatter_splats` leaves it.
 
     Its weights follow from the slot that a texel lies in, not from where in it the texel lies, so
     all texels of a slot are spread together.
 
     Parameters
     ----------
-    mirror
-        What `mirror_splats` summed.
+    target
+        What `mirror_splats` summed up, if anything; gets the result.
     covered
         Slots of the level; they may have derivatives.
-    growth
-        Of the level (`OpacityClipmap.growth`).
+    opacity
+        Voxels, whose covered areas may have derivatives.
     width
         Of the pre-filter, voxels.
     """
+    if target.mirror is None:
+        return
     level = covered.level
-    lights = [mi.Float(sums) for sums in mirror]
-    if growth is not None:
-        lights = [light * growth for light in lights]
+    lights = [mi.Float(sums) for sums in target.mirror]
+    if opacity.growth is not None:
+        lights = [light * opacity.growth[level.level] for light in lights]
+    target.live = lights
     if width == 1:
-        return lights
+        return
 
     def spread(values: mi.Float) -> mi.Float:
         for axis in range(3):
@@ -103,11 +108,11 @@ def spread_mirror(
     around = spread(covered.drawing)
     has_weight = around > 0.0
     per_weight = dr.select(has_weight, 1.0 / dr.select(has_weight, around, 1.0), 0.0)
-    return [covered.drawing * spread(light * per_weight) for light in lights]
+    target.live = [covered.drawing * spread(light * per_weight) for light in lights]
 
 
 def mirror_thickness(
-    mirror: list[mi.Float64],
+    target: Target,
     rsm: ReflectiveShadowMap,
     covered: CoveredSlots,
     axis: int,
@@ -122,8 +127,8 @@ def mirror_thickness(
 
     Parameters
     ----------
-    mirror
-        Sums; changed in place.
+    target
+        Gets them in its mirror, if it has one.
     rsm
         Texels.
     covered
@@ -131,9 +136,10 @@ def mirror_thickness(
     axis
         Along which surfaces become thicker.
     opacity
-        Voxels, whose thickness has derivatives.
+        Voxels, whose thickness may have derivatives.
     """
-    assert opacity.thickness is not None, "nothing becomes thicker"
+    if target.mirror is None or opacity.thickness is None:
+        return
     level, alpha = covered.level, dr.detach(opacity.levels[covered.level.level])
     reach = min(0.5, max(covered.rule.thickness_voxels, LEAST_REACH))
     slot = surface_slot(mi.Float(rsm.normal[axis]), covered.rule)
@@ -154,7 +160,8 @@ def mirror_thickness(
     index += (2 * axis + slot.side) * level.voxel_count
     active &= dr.gather(mi.Float, alpha, index, active) > 0.0
     thicker = (opacity.thickness - dr.detach(opacity.thickness)) / (2.0 * reach)
-    for sums, light in zip(mirror, splat_light(rsm, level, axis, len(mirror)), strict=True):
+    lights = splat_light(rsm, level, axis, len(target.mirror))
+    for sums, light in zip(target.mirror, lights, strict=True):
         amount = mi.Float64(dr.detach(light) * thicker)
         dr.scatter_reduce(dr.ReduceOp.Add, sums, amount, index, active)
 

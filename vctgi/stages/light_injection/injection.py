@@ -255,13 +255,11 @@ def _fill(
     found, lost, first_texel = 0.0, 0.0, 0
     for rsm in maps:
         for axis in range(3):
-            if target.mirror is not None and opacity.thickness is not None:
-                mirror_thickness(target.mirror, rsm, covered, axis, opacity)
+            mirror_thickness(target, rsm, covered, axis, opacity)
             for attached in make_splats(rsm, covered, axis, config):
                 # Integers have no derivatives, and loops that make them must not look for any.
                 splats = replace(attached, light=dr.detach(attached.light))
-                if target.mirror is not None:
-                    mirror_splats(target.mirror, attached, level)
+                mirror_splats(target, attached)
                 if config.algorithm == "centre":
                     offer_splats(keys, target, splats, first_texel, level)
                 elif config.algorithm == "gather":
@@ -272,9 +270,7 @@ def _fill(
                     found += _brightness(splats, splats.is_seen)
                     lost += _brightness(splats, splats.is_active & ~splats.is_seen)
         first_texel += rsm.texel_count
-    if target.mirror is not None:
-        growth = None if opacity.growth is None else opacity.growth[level.level]
-        target.live = spread_mirror(target.mirror, live, growth, config.prefilter)
+    spread_mirror(target, live, opacity, config.prefilter)
     _write(lit, target, opacity, keys, maps, config)
     return lost / (found + lost) if found + lost > 0.0 else 0.0
 
