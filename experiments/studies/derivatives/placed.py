@@ -223,7 +223,8 @@ def _scene_picture(case: Case, scene: mi.Scene) -> Picture:
     owner = "" if case.name == "vertex_positions" and not case.has_box else "bulb."
     if case.name == "vertex_positions" and case.has_box:
         owner = "box."
-    (key,) = (k for k in parameters if k.startswith(owner) and k.endswith(case.name))
+    names = list(parameters.keys())
+    (key,) = (k for k in names if k.startswith(owner) and k.endswith(case.name))
     held = type(parameters[key])(parameters[key])
 
     def picture(value: mi.Float) -> mi.Float:
@@ -269,7 +270,8 @@ def _lamps() -> dict[str, Callable[[], dict[str, Any]]]:
     """Lights by name."""
     place = mi.ScalarTransform4f()
     aim = place.look_at([0.3, 0.2, 0.3], [-0.2, -0.5, -0.4], [0, 1, 0])
-    flat = place.translate([0.1, 0.5, 0.0]) @ _turned() @ place.rotate([1, 0, 0], 90).scale(0.3)
+    # Out of the camera's sight: outlines are not followed.
+    flat = place.translate([0.1, 0.7, 0.0]) @ _turned() @ place.rotate([1, 0, 0], 90).scale(0.2)
     return {
         "point": lambda: {"type": "point", "position": [0.3, 0.1, 0.3], "intensity": 2.0},
         "spot": lambda: {
