@@ -124,7 +124,7 @@ def prepare_scene(
         check_lights(lights)
         triangles = extract_triangles(scene)
         materials = [describe_material(bsdf) for bsdf in triangles.bsdfs]
-        with dr.suspend_grad():
+        with dr.suspend_grad():  # type: ignore[no-untyped-call]
             surfaces = select_surfaces(scene, sensor, triangles, materials)
             plan = plan_render(scene, sensor, triangles, materials, lights, config)
     sky = None

@@ -246,9 +246,9 @@ def _placed(case: Case, held: Any, value: mi.Float) -> Any:
         return turn @ held
     offset = mi.Vector3f(*(axis * (value - 1.0) for axis in case.way))
     if case.name == "vertex_positions":
-        return dr.ravel(dr.unravel(mi.Point3f, held) + offset)
+        return dr.ravel(dr.unravel(mi.Vector3f, held) + offset)
     if case.name == "position":
-        return mi.Point3f(held + offset)
+        return mi.Point3f(mi.Vector3f(held) + offset)
     return mi.Transform4f().translate(offset) @ held
 
 

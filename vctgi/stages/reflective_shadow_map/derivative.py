@@ -118,8 +118,10 @@ class _Part:
             cosine = dr.abs(dr.dot(normal, self.arriving))
             return self.flux * as_component(_growth(mi.Float(cosine)))
         if self.light.kind == "AreaLight":
-            _, power = emitter.sample_ray(0.0, 0.5, self.position, self.direction)
-            place, _ = emitter.sample_position(0.0, self.position)
+            _, power = emitter.sample_ray(
+                as_component(0.0), as_component(0.5), self.position, self.direction
+            )
+            place, _ = emitter.sample_position(as_component(0.0), self.position)
             between = mi.Vector3f(place.p - self.point)
             squared = dr.squared_norm(between)
             cosines = dr.abs(dr.dot(normal, between) * dr.dot(mi.Vector3f(place.n), between))
@@ -140,7 +142,8 @@ class _Part:
 def _along_normal(si: mi.SurfaceInteraction3f) -> mi.Point3f:
     """Return points that move along their surface's normal alone."""
     value, normal = dr.detach(si.p), mi.Vector3f(dr.detach(si.n))
-    return mi.Point3f(value + normal * dr.dot(normal, si.p - value))
+    along = dr.dot(normal, mi.Vector3f(si.p - value))
+    return mi.Point3f(mi.Vector3f(value) + normal * along)
 
 
 def _growth(number: mi.Float) -> mi.Float:

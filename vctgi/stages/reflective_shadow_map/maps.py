@@ -74,7 +74,7 @@ def render_reflective_shadow_maps(
         for level in layout.clip_levels:
             limits = (min(wanted, affordable), affordable)
             is_followed = anything_moves([lights[index]]) or has_moving_shapes(scene)
-            with dr.suspend_grad(when=anything_moves([lights[index]])):
+            with dr.suspend_grad(when=anything_moves([lights[index]])):  # type: ignore[no-untyped-call]
                 ray, flux = distant_rays(scene, lights[index], level, opacity, limits)
             count = dr.width(ray.o)
             owner = dr.full(mi.UInt32, index, count)
@@ -82,7 +82,7 @@ def render_reflective_shadow_maps(
             origins = None
             if is_followed:
                 middle = mi.Point2f(dr.full(mi.Float, 0.5, count), 0.5)
-                origins = RayOrigins(lights, owner, middle, middle, mi.Float(1.0) + owner * 0.0)
+                origins = RayOrigins(lights, owner, middle, middle, dr.full(mi.Float, 1.0, count))
             landed = land(scene, ray, flux, level, dr.arange(mi.UInt32, count), origins)
             if landed is not None:
                 found, hit = landed
@@ -116,7 +116,7 @@ def _light_by_lamps(
     config, full, most = limits
     counts = deal_texels(scene, chosen, layout, config.texels_per_face, (full, most))
     is_followed = anything_moves(lights) or has_moving_shapes(scene)
-    with dr.suspend_grad(when=is_followed):
+    with dr.suspend_grad(when=is_followed):  # type: ignore[no-untyped-call]
         rays = lamp_rays(scene, chosen, counts, layout)
     which = rays.which
     texel_count = dr.gather(mi.UInt32, mi.UInt32(counts.astype(np.uint32)), which)
