@@ -174,7 +174,18 @@ def update_voxels(
     -------
     SceneVoxels
         The same as `voxelize_scene` returns, bit for bit.
+
+    Raises
+    ------
+    SceneError
+        Vertices have derivatives, which voxels that are kept have not.
     """
+    if prepared.surfaces.live is not None:
+        raise SceneError(
+            "no derivative",
+            "voxels that are updated in place",
+            "detach the vertices, or make the voxels anew by voxelize_scene",
+        )
     with clock("opacity voxelization"):
         changed = changed_bounds(voxels.surfaces, prepared.surfaces)
         triangles = upload_triangles(prepared.surfaces) if changed else voxels.triangles

@@ -229,10 +229,12 @@ def _likeness(own: _Surface, other: _Surface, widths: SurfaceWidths) -> mi.Float
     # Distance from either plane over distance: the slope at which the other point stands off. It
     # has no unit, so it means the same near and far, and in grazing view.
     between = mi.Vector3f(other.position - own.position)
-    distance = mi.Float(dr.norm(between))
+    squared = mi.Float(dr.squared_norm(between))
+    # Selected before the root, whose derivative at 0 is none.
+    distance = dr.sqrt(dr.select(squared > 0.0, squared, 1.0))
     from_own = mi.Float(dr.abs(dr.dot(own.normal, between)))
     from_other = mi.Float(dr.abs(dr.dot(other.normal, between)))
-    slope = dr.maximum(from_own, from_other) / dr.select(distance > 0.0, distance, 1.0)
+    slope = dr.maximum(from_own, from_other) / distance
     by_plane = 1.0 - slope / widths.plane_slope
 
     nearer = dr.minimum(own.depth, other.depth)
