@@ -52,9 +52,11 @@ def land(
     tuple or None
         The map, without the name of its light, and which rays its texels are. None if all miss.
     """
+    # Calls of emitters and shapes bring ties to all that are alive, also of other scenes.
+    ray = dr.detach(ray)
     is_lit = dr.max(flux) > 0.0
     # First only which rays hit, then the surface of those.
-    with dr.suspend_grad(when=origins is not None):  # type: ignore[no-untyped-call]
+    with dr.suspend_grad():  # type: ignore[no-untyped-call]
         found = scene.ray_intersect_preliminary(ray, as_mask(True), is_lit)
     is_kept = found.is_valid() & is_lit
     if level is not None:
@@ -66,7 +68,7 @@ def land(
     ray = dr.gather(mi.Ray3f, ray, hit)
     flux = dr.gather(mi.Color3f, flux, hit)
     met = dr.gather(type(found), found, hit)
-    with dr.suspend_grad(when=origins is not None):  # type: ignore[no-untyped-call]
+    with dr.suspend_grad():  # type: ignore[no-untyped-call]
         si = met.compute_surface_interaction(ray)
     normal = mi.Vector3f(si.n)
     cosine = dr.abs(dr.dot(normal, ray.d))
