@@ -139,7 +139,11 @@ def moved_down(held: Any, value: mi.Float) -> Any:
 
 @pytest.mark.parametrize("width", [3, pytest.param(5, marks=SLOW)])
 def test_the_scale_of_the_pre_filter_has_its_derivative(width: int) -> None:
-    config = replace(CONFIG, injection=LightInjectionConfig(prefilter=width))
+    config = replace(
+        CONFIG,
+        injection=LightInjectionConfig(prefilter=width),
+        reflective_shadow_map=ReflectiveShadowMapConfig(),
+    )
     picture = by_parameter(lit_room(), config, "prefilter_scale")
     assert both_modes(picture, 1.0) == pytest.approx(difference(picture, 1.0, 1e-3), rel=LIMIT)
 

@@ -99,6 +99,7 @@ class Case:
 SPARSE = replace(
     CONFIG, reconstruction=ReconstructionConfig(sparsity=4, min_support=0.0), samples_per_pixel=4
 )
+STILL = replace(CONFIG, reflective_shadow_map=ReflectiveShadowMapConfig())
 DOWN, ASIDE = (0.3, -1.0, 0.2), (1.0, 0.0, 0.0)
 
 CASES = {
@@ -113,10 +114,10 @@ CASES = {
         is_biased=True,
     ),
     "pre-filter of 3 voxels, scale": Case(
-        "spot", "prefilter_scale", replace(CONFIG, injection=LightInjectionConfig(prefilter=3))
+        "spot", "prefilter_scale", replace(STILL, injection=LightInjectionConfig(prefilter=3))
     ),
     "pre-filter of 5 voxels, scale": Case(
-        "spot", "prefilter_scale", replace(CONFIG, injection=LightInjectionConfig(prefilter=5))
+        "spot", "prefilter_scale", replace(STILL, injection=LightInjectionConfig(prefilter=5))
     ),
     "thickness, ambient occlusion": Case(
         "spot", "thickness_voxels", replace(CONFIG, mode="ambient"), has_box=True
