@@ -137,7 +137,7 @@ def moved_down(held: Any, value: mi.Float) -> Any:
     return mi.Transform4f().translate(offset) @ held
 
 
-@pytest.mark.parametrize("width", [3, pytest.param(5, marks=SLOW)])
+@pytest.mark.parametrize("width", [3, 5])
 def test_the_scale_of_the_pre_filter_has_its_derivative(width: int) -> None:
     config = replace(
         CONFIG,
