@@ -141,7 +141,8 @@ def render_frame(
                 grid = SparseGrid(width=width, height=height, edge=edge, layer=number)
                 traced = trace_sparse(gbuffer, place, grid, gather)
             with clock("interpolation"):
-                found = interpolate(gbuffer, place, traced, config.reconstruction)
+                widths = None if parameters is None else parameters.surface_widths()
+                found = interpolate(gbuffer, place, traced, config.reconstruction, widths)
             incident = refine(gbuffer, found, gather)
             refined_count += dr.width(found.alone)
         if is_ambient:

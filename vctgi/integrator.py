@@ -163,7 +163,9 @@ def _integrator_class() -> type[mi.SamplingIntegrator]:
             """Voxelize and light the scene, then render it as any sampling integrator."""
             camera: mi.Sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
             self.prepared = prepare_scene(scene, camera, self.config)
-            self.volume = light_volume(self.prepared, self.config).volume
+            parameters = _live(self.parameters, has_own=self.has_own_values)
+            lit = light_volume(self.prepared, self.config, parameters=parameters)
+            self.volume = lit.volume
             return super().render(scene, camera, as_bits(seed), spp, develop, evaluate)
 
         def sample(

@@ -28,6 +28,7 @@ from vctgi.frame_pipeline import FrameTally as FrameTally
 from vctgi.frame_pipeline import gather_ambient as gather_ambient
 from vctgi.frame_pipeline import gather_light as gather_light
 from vctgi.frame_pipeline import render_frame as render_frame
+from vctgi.parameters import ConeParameters
 from vctgi.plan import Plan, SceneParts, plan_render
 from vctgi.prepared import PreparedScene as PreparedScene
 from vctgi.prepared import StageClock as StageClock
@@ -115,8 +116,13 @@ def prepare_scene(
     """
     with clock("scene"):
         is_cut = config.emission_in_voxels or config.sky_in_cones or config.sky_lighting == "cones"
-        check_derivatives(scene, ("radiance",) if is_cut else ())
         is_ambient = config.mode == "ambient"
+        is_tangled = not is_ambient and (is_cut or config.bounce_count > 0)
+        check_derivatives(
+            scene,
+            ("radiance",) if is_cut else (),
+            can_shapes_move=config.voxelization.coverage == "analytic" and not is_tangled,
+        )
         lights = [] if is_ambient and not config.is_kept("light") else list_lights(scene)
         if not lights and not is_ambient:
             raise SceneError("no light", "the scene", "add an emitter")
@@ -127,11 +133,12 @@ def prepare_scene(
             describe_material(bsdf, is_opaque_mask=not reads_masks and is_opaque_mask(bsdf))
             for bsdf in triangles.bsdfs
         ]
-        surfaces = select_surfaces(scene, sensor, triangles, materials)
-        parts = SceneParts(
-            triangles=triangles, materials=materials, surfaces=surfaces, lights=lights
-        )
-        plan = plan_render(scene, sensor, parts, config)
+        with dr.suspend_grad():  # type: ignore[no-untyped-call]
+            surfaces = select_surfaces(scene, sensor, triangles, materials)
+            parts = SceneParts(
+                triangles=triangles, materials=materials, surfaces=surfaces, lights=lights
+            )
+            plan = plan_render(scene, sensor, parts, config)
     sky = None
     if plan.has_sky_in_cones or plan.has_sky_by_cones:
         with clock("sky"):
@@ -144,13 +151,19 @@ def prepare_scene(
 
 
 def voxelize_scene(
-    prepared: PreparedScene, config: RenderConfig, clock: StageClock = no_clock
+    prepared: PreparedScene,
+    config: RenderConfig,
+    clock: StageClock = no_clock,
+    parameters: ConeParameters | None = None,
 ) -> SceneVoxels:
-    """Voxelize the surfaces of a scene."""
+    """Voxelize the surfaces of a scene; `parameters` as for `light_volume`."""
     with clock("opacity voxelization"):
         layout = prepared.plan.layout
         triangles = _upload(prepared, config)
-        opacity = voxelize_triangles(triangles, layout, config.voxelization)
+        rules, thickness = config.voxelization, None
+        if parameters is not None:
+            rules, thickness = parameters.voxelization(rules), parameters.get("thickness_voxels")
+        opacity = voxelize_triangles(triangles, layout, rules, thickness)
         dr.eval(opacity.levels)
     filled = count_voxels(box for level in layout.clip_levels for box in own_regions(layout, level))
     return SceneVoxels(prepared.surfaces, triangles, opacity, filled)
@@ -185,7 +198,18 @@ def update_voxels(
     -------
     SceneVoxels
         The same as `voxelize_scene` returns, bit for bit.
+
+    Raises
+    ------
+    SceneError
+        Vertices have derivatives, which voxels that are kept have not.
     """
+    if prepared.surfaces.live is not None:
+        raise SceneError(
+            "no derivative",
+            "voxels that are updated in place",
+            "detach the vertices, or make the voxels anew by voxelize_scene",
+        )
     with clock("opacity voxelization"):
         changed = changed_bounds(voxels.surfaces, prepared.surfaces)
         triangles = _upload(prepared, config) if changed else voxels.triangles
@@ -201,14 +225,33 @@ def light_volume(
     config: RenderConfig,
     clock: StageClock = no_clock,
     voxels: SceneVoxels | None = None,
+    parameters: ConeParameters | None = None,
 ) -> LitVolume:
     """Light the voxels of a scene, which are made first if they are not given.
 
     In the mode "ambient" there is no light: they are only downsampled.
+
+    Parameters
+    ----------
+    prepared, config
+        Scene, and how it is lit.
+    clock
+        Times the stages.
+    voxels
+        What `voxelize_scene` or `update_voxels` returned; None: made here.
+    parameters
+        Values that go before the numbers of `config`, for derivatives; None: those numbers.
+
+    Raises
+    ------
+    ValueError
+        Parameters out of their bounds.
     """
     plan = prepared.plan
+    if parameters is not None:
+        parameters.check_bounds()
     if voxels is None:
-        voxels = voxelize_scene(prepared, config, clock)
+        voxels = voxelize_scene(prepared, config, clock, parameters)
     opacity = voxels.opacity
     if not plan.is_lit:
         with clock("downsampling"):
@@ -224,7 +267,8 @@ def light_volume(
         with clock("radiance of lit points"):
             maps = with_radiance(prepared.scene, maps)
     with clock("light injection"):
-        emittance = inject_light(maps, opacity, config.injection)
+        scale = None if parameters is None else parameters.get("prefilter_scale")
+        emittance = inject_light(maps, opacity, config.injection, scale)
     fluxes: list[float] = []
     left_out = 0.0
     if plan.bounce_count > 0 or plan.has_sky_by_cones:

@@ -176,6 +176,7 @@ def _write_cone_count(config: RenderConfig, value: float) -> RenderConfig:
         cone_apertures=None,
         cone_weights=None,
         cone_elevations=None,
+        cone_azimuths=None,
     )
     return replace(config, diffuse=diffuse)
 

@@ -16,7 +16,7 @@ from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
 from vctgi.parameters import ConeParameters
 from vctgi.pipeline import light_volume, prepare_scene, render_frame
-from vctgi.scene.derivatives import has_derivatives
+from vctgi.scene.derivatives import has_derivatives, moving_names
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig
 from vctgi.stages.light_injection import LightInjectionConfig
 
@@ -120,20 +120,21 @@ def test_parameters_without_a_derivative_are_refused() -> None:
     scene = lit_room()
     parameters: Any = mi.traverse(scene)
     supported, refused = set(), set()
+    moving = moving_names(scene, can_shapes_move=False)
     for name in list(parameters.keys()):
         value = parameters[name]
         dr.enable_grad(value)
         if not dr.grad_enabled(value):
             continue
-        if has_derivatives(name):
+        if has_derivatives(name) or name in moving:
             supported.add(name)
         else:
             refused.add(name.partition(".")[2])
             with pytest.raises(SceneError, match="no derivative"):
                 prepare_scene(scene, scene.sensors()[0], CONFIG)
         dr.disable_grad(value)
-    assert {LAMP, WALL, "bulb.intensity.value"} <= supported
-    assert {"position", "vertex_positions", "to_world"} <= refused
+    assert {LAMP, WALL, "bulb.intensity.value", "bulb.position"} <= supported
+    assert {"vertex_positions", "to_world"} <= refused
 
 
 @pytest.mark.parametrize(

@@ -61,11 +61,18 @@ class OpacityClipmap:
         one voxel of the level stops along that direction of travel.
     rule
         How thick the surfaces were made, which their light has to follow.
+    growth
+        For each level 1, with the derivative of each slot's covered area over that area, which
+        goes on where opacity stops at 1; None where no surface moves.
+    thickness
+        `rule.thickness_voxels` with derivatives, one lane; None where it has none.
     """
 
     layout: ClipmapLayout
     levels: list[mi.Float]
     rule: SlotRule = DEFAULT_RULE
+    growth: list[mi.Float] | None = None
+    thickness: mi.Float | None = None
 
 
 @dataclass

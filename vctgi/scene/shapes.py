@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -48,6 +49,8 @@ class ShapeMesh:
         [vertex, 2] texture coordinates.
     is_in_scene
         Whether ray hits name this shape and its faces (true for top-level meshes).
+    live
+        The positions with derivatives; None where they have none.
     """
 
     shape: mi.Shape
@@ -56,6 +59,7 @@ class ShapeMesh:
     faces: np.ndarray
     uv: np.ndarray
     is_in_scene: bool
+    live: mi.Point3f | None = None
 
 
 @dataclass
@@ -151,7 +155,13 @@ def _moved(mesh: ShapeMesh, to_world: np.ndarray) -> ShapeMesh:
 def _mesh_from_shape(shape: mi.Shape, name: str, *, is_in_scene: bool) -> ShapeMesh | None:
     """One shape as triangles, or None if its kind is not supported."""
     if isinstance(shape, mi.Mesh):
-        positions = np.array(shape.vertex_positions_buffer(), dtype=np.float64).reshape(-1, 3)
+        buffer = shape.vertex_positions_buffer()
+        positions = np.array(dr.detach(buffer), dtype=np.float64).reshape(-1, 3)
+        live = None
+        if dr.grad_enabled(buffer):
+            # A variable of its own: Dr.Jit 1.5 overwrites the derivatives that calls of shapes
+            # brought to the buffer with those of gathers from it.
+            live = dr.unravel(mi.Point3f, buffer * dr.opaque(mi.Float, 1.0))
         faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3)
         uv = (
             np.array(shape.vertex_texcoords_buffer(), dtype=np.float64).reshape(-1, 2)
@@ -162,7 +172,7 @@ def _mesh_from_shape(shape: mi.Shape, name: str, *, is_in_scene: bool) -> ShapeM
         # Mitsuba keeps the winding of a mesh with flipped normals and turns the normals alone.
         if shape.has_flipped_normals():
             faces = faces[:, ::-1]
-        return ShapeMesh(shape, name, positions, faces, uv, is_in_scene)
+        return ShapeMesh(shape, name, positions, faces, uv, is_in_scene, live)
     if shape.class_name() not in ANALYTIC_SURFACES:
         return None
     return _tessellated(shape, name)
@@ -240,10 +250,16 @@ def _tessellated(shape: mi.Shape, name: str) -> ShapeMesh:
     # it inwards; undone by turning the faces once more before `_moved` does.
     if shape.class_name() == "Cylinder" and np.linalg.det(to_world[:3, :3]) < 0.0:
         faces = faces[:, ::-1]
-    return _moved(ShapeMesh(shape, name, positions, faces, uv, is_in_scene=False), to_world)
+    moved = _moved(ShapeMesh(shape, name, positions, faces, uv, is_in_scene=False), to_world)
+    live = mi.traverse(shape)["to_world"]
+    if dr.grad_enabled(live):
+        moved.live = live @ mi.Point3f(*(mi.Float(np.float32(each)) for each in positions.T))
+    return moved
 
 
 def _matrix(transform: mi.AffineTransform4f) -> np.ndarray:
     """Return the 4 x 4 matrix of a transform of one lane."""
-    rows: np.ndarray = np.array(transform.matrix, dtype=np.float64).reshape(4, 4, -1)[..., 0]
+    rows: np.ndarray = np.array(dr.detach(transform.matrix), dtype=np.float64).reshape(4, 4, -1)[
+        ..., 0
+    ]
     return rows

@@ -8,7 +8,7 @@ sides are the ones that light paths from the camera meet.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -24,7 +24,7 @@ from vctgi.maths.stub_gaps import as_mask
 from vctgi.scene.camera import survey_rays
 from vctgi.scene.extent import half_extent
 from vctgi.scene.materials import Material
-from vctgi.scene.triangles import SceneTriangles
+from vctgi.scene.triangles import LiveCorners, SceneTriangles
 
 SURVEY_RESOLUTION = 192
 """Camera rays along an edge of the survey's picture."""
@@ -62,6 +62,8 @@ class VoxelSurfaces:
         Two-sided triangles that are seen only from the side that their winding calls the back.
     double_count
         Triangles that are seen from both sides.
+    live
+        Their corners with derivatives; None where they have none.
     """
 
     vertices: np.ndarray
@@ -71,6 +73,7 @@ class VoxelSurfaces:
     masks: list[mi.BSDF]
     flipped_count: int
     double_count: int
+    live: LiveCorners | None = None
 
 
 def opaque_surfaces(vertices: np.ndarray) -> VoxelSurfaces:
@@ -104,7 +107,11 @@ def select_surfaces(
     mask_of_bsdf = np.full(len(materials), -1)
     with_null = [index for index, material in enumerate(materials) if material.has_null]
     mask_of_bsdf[with_null] = np.arange(len(with_null))
+    live = triangles.live
+    if live is not None:
+        live = replace(live, index=live.index[which][rows, order])
     return VoxelSurfaces(
+        live=live,
         vertices=triangles.vertices[which][rows, order],
         uv=triangles.uv[which][rows, order],
         mask_index=mask_of_bsdf[triangles.bsdf_index[which]],

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -17,6 +18,22 @@ from vctgi.scene.shapes import ShapeMesh, list_shapes
 DEGENERATE_AREA = 1e-14
 """A triangle is degenerate when its area is below this share of the square of its longest edge:
 single-precision vertices cannot tell it from a line."""
+
+
+@dataclass
+class LiveCorners:
+    """Corners of triangles with derivatives.
+
+    Attributes
+    ----------
+    positions
+        World points.
+    index
+        [triangle, corner] which of them each corner is.
+    """
+
+    positions: mi.Point3f
+    index: np.ndarray
 
 
 @dataclass
@@ -46,6 +63,8 @@ class SceneTriangles:
         Zero-area triangles left out, by shape name.
     unsupported
         Sentences about what has no triangles here.
+    live
+        Their corners with derivatives; None where they have none.
     """
 
     vertices: np.ndarray
@@ -58,6 +77,7 @@ class SceneTriangles:
     kept: np.ndarray
     degenerate_counts: dict[str, int]
     unsupported: list[str]
+    live: LiveCorners | None = None
 
     @property
     def triangle_count(self) -> int:
@@ -122,7 +142,23 @@ def extract_triangles(scene: mi.Scene) -> SceneTriangles:
         kept=kept,
         degenerate_counts={name: int(n) for name, n in zip(names, lost, strict=True) if n},
         unsupported=shapes.unsupported,
+        live=_live_corners(shapes.meshes, is_kept),
     )
+
+
+def _live_corners(meshes: list[ShapeMesh], is_kept: np.ndarray) -> LiveCorners | None:
+    """Return the corners of the triangles that are kept, if any of them has derivatives."""
+    if all(mesh.live is None for mesh in meshes):
+        return None
+    counts = [len(mesh.positions) for mesh in meshes]
+    starts = np.cumsum([0, *counts[:-1]])
+    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)]
+    parts = [
+        mi.Point3f(mesh.positions.T.astype(np.float32)) if mesh.live is None else mesh.live
+        for mesh in meshes
+    ]
+    axes = (dr.concat([mi.Float(part[axis]) for part in parts]) for axis in range(3))
+    return LiveCorners(mi.Point3f(*axes), np.concatenate(faces)[is_kept])
 
 
 def is_degenerate(vertices: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ the picture has many kinks: wherever a sample passes from one voxel to the next.
 from __future__ import annotations
 
 from experiments.studies.check import Check
-from experiments.studies.derivatives import agreement, cost, prb, stable
+from experiments.studies.derivatives import agreement, cost, placed, prb, stable
 from reports.study_figures import Definition
 
 SCENE = "Cornell box with a rough metal ball, 96 x 96 pixels, in the quick version 48 x 48"
@@ -37,4 +37,10 @@ DEFINITIONS = (
 
 def checks() -> list[Check]:
     """Return the checks of derivatives."""
-    return [*agreement.checks(SCENE), *stable.checks(), *prb.checks(SCENE), *cost.checks(SCENE)]
+    return [
+        *agreement.checks(SCENE),
+        *stable.checks(),
+        *placed.checks(),
+        *prb.checks(SCENE),
+        *cost.checks(SCENE),
+    ]

@@ -44,10 +44,15 @@ BOUNDS = {
     "opacity_exponent": (0.0, False, math.inf),
     "specular_aperture_scale": (0.0, False, math.inf),
     "ambient_range_scale": (0.0, False, math.inf),
+    "sparse_normal_angle": (0.0, False, math.pi + 1e-6),
+    "sparse_plane_slope": (0.0, False, math.inf),
+    "sparse_depth_ratio": (0.0, False, math.inf),
+    "prefilter_scale": (0.0, False, math.inf),
+    "thickness_voxels": (0.0, True, 2.0 + 1e-6),
 }
 """Lower end, whether it belongs to the interval, and upper end, which does not."""
 
-CONE_NAMES = ("apertures", "weights", "elevations")
+CONE_NAMES = ("apertures", "weights", "elevations", "azimuths")
 """Parameters of which there is one a cone."""
 
 SCALE_NAMES = ("aperture_scale", "specular_aperture_scale", "ambient_range_scale")
@@ -65,6 +70,8 @@ class ConeValues(Mapping[str, "mi.Float"]):
         How much each diffuse cone counts, > 0; they are divided by their sum.
     `elevations`
         Angle of each diffuse cone's axis to the normal, radians, [0, pi / 2).
+    `azimuths`
+        Angle of each diffuse cone's axis around the normal, radians, before they are all turned.
     `step_ratio`, `min_step_voxels`, `start_offset_voxels`, `level_bias`, `pull_back_voxels`
         March of diffuse cones, as in `ConeMarchConfig`.
     `opacity_exponent`
@@ -99,6 +106,7 @@ class ConeValues(Mapping[str, "mi.Float"]):
             "apertures": _opaque([a / diffuse.aperture_scale for a in cones.apertures]),
             "weights": _opaque(cones.weights),
             "elevations": _opaque([math.acos(min(1.0, z)) for _, _, z in cones.directions]),
+            "azimuths": _opaque([math.atan2(y, x) for x, y, _ in cones.directions]),
             "aperture_scale": _opaque([diffuse.aperture_scale]),
             "specular_aperture_scale": _opaque([1.0]),
             "ambient_range_scale": _opaque([1.0]),
@@ -147,10 +155,10 @@ class ConeValues(Mapping[str, "mi.Float"]):
         """Return the share of each cone; they sum to 1."""
         return mi.Float(self._values["weights"] / dr.sum(self._values["weights"]))
 
-    def local_axis(self, azimuth: mi.Float, cone: mi.UInt32) -> mi.Vector3f:
-        """Return unit axes around +z at given azimuths, radians."""
+    def local_axis(self, cone: mi.UInt32) -> mi.Vector3f:
+        """Return unit axes around +z."""
         sine, cosine = dr.sincos(self.of_cone("elevations", cone))
-        sin_turn, cos_turn = dr.sincos(azimuth)
+        sin_turn, cos_turn = dr.sincos(self.of_cone("azimuths", cone))
         return mi.Vector3f(sine * cos_turn, sine * sin_turn, cosine)
 
     def lane_apertures(self, cone: mi.UInt32) -> mi.Float:
@@ -180,6 +188,7 @@ class ConeValues(Mapping[str, "mi.Float"]):
             cone_apertures=self._tuple("apertures"),
             cone_weights=tuple(float(v) for v in self.normalised_weights()),
             cone_elevations=self._tuple("elevations"),
+            cone_azimuths=self._tuple("azimuths"),
             march=replace(config.march, **numbers),
         )
 
@@ -211,8 +220,12 @@ class ConeValues(Mapping[str, "mi.Float"]):
                 f"and none can be wider than {WIDEST:g}; bound what an optimiser may do."
             )
 
+    def _add(self, name: str, number: float) -> None:
+        """Add a parameter of one value."""
+        self._values[name] = _opaque([number])
+
     def _tuple(self, name: str) -> tuple[float, ...]:
-        return tuple(float(each) for each in self._values[name])
+        return tuple(float(each) for each in dr.detach(self._values[name]))
 
     def _single(self, name: str) -> float:
         """Return the one value of a parameter."""

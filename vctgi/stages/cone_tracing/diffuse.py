@@ -166,8 +166,7 @@ def diffuse_lanes(
         ratios = float_table(tuple(ratio_from_aperture(a) for a in cones.apertures))
         ratio = dr.gather(mi.Float, ratios, cone)
     else:
-        azimuths = mi.Float([math.atan2(y, x) for x, y, _ in cones.directions])
-        axis_local = parameters.local_axis(dr.gather(mi.Float, azimuths, cone), cone)
+        axis_local = parameters.local_axis(cone)
         ratio = mi.Float(2.0 * dr.tan(0.5 * parameters.lane_apertures(cone)))
 
     normal = dr.gather(mi.Vector3f, gbuffer.normal, point)

@@ -45,6 +45,9 @@ class DiffuseConesConfig:
     """How much each cone counts, > 0; only ratios matter. None: the set's."""
     cone_elevations: tuple[float, ...] | None = None
     """Angle of each cone's axis to the normal, radians, in [0, pi / 2). None: the set's."""
+    cone_azimuths: tuple[float, ...] | None = None
+    """Angle of each cone's axis around the normal, radians, before `rotation` turns them all.
+    None: the set's."""
     gain: float = 1.0
     """Factor on what they gather, > 0: the scale of another system, 1 for ours."""
     march: ConeMarchConfig = field(default_factory=ConeMarchConfig)
@@ -94,7 +97,7 @@ class DiffuseConesConfig:
             )
 
     def _check_cones(self) -> None:
-        for name, limit, includes_zero in CONE_LIMITS:
+        for name, least, limit, includes_least in CONE_LIMITS:
             values = getattr(self, name)
             if values is None:
                 continue
@@ -103,11 +106,11 @@ class DiffuseConesConfig:
                     f"DiffuseConesConfig.{name}: the cones of '{self.cone_set}' belong to the "
                     "world, and only those of a surface can be set; leave it None."
                 )
-            is_good = all(0.0 < v < limit or (includes_zero and v == 0.0) for v in values)
+            is_good = all(least < v < limit or (includes_least and v == least) for v in values)
             if len(values) != self.cone_count or not is_good:
                 raise ValueError(
                     f"DiffuseConesConfig.{name} must be {self.cone_count} numbers in "
-                    f"{'[' if includes_zero else '('}0, {limit:g}), got {values}."
+                    f"{'[' if includes_least else '('}{least:g}, {limit:g}), got {values}."
                 )
 
     def cones_of_set(self) -> ConeSet:
@@ -125,27 +128,26 @@ class DiffuseConesConfig:
         if self.cone_weights is not None:
             total = math.fsum(self.cone_weights)
             cones = replace(cones, weights=tuple(w / total for w in self.cone_weights))
-        if self.cone_elevations is not None:
-            directions = tuple(
-                _at_elevation(direction, angle)
-                for direction, angle in zip(cones.directions, self.cone_elevations, strict=True)
-            )
-            cones = replace(cones, directions=directions)
-        return cones
+        if self.cone_elevations is None and self.cone_azimuths is None:
+            return cones
+        elevations = self.cone_elevations or [
+            math.acos(min(1.0, z)) for _, _, z in cones.directions
+        ]
+        azimuths = self.cone_azimuths or [math.atan2(y, x) for x, y, _ in cones.directions]
+        directions = tuple(map(_axis, elevations, azimuths))
+        return replace(cones, directions=directions)
 
 
 CONE_LIMITS = (
-    ("cone_apertures", math.pi, False),
-    ("cone_weights", math.inf, False),
-    ("cone_elevations", 0.5 * math.pi, True),
+    ("cone_apertures", 0.0, math.pi, False),
+    ("cone_weights", 0.0, math.inf, False),
+    ("cone_elevations", 0.0, 0.5 * math.pi, True),
+    ("cone_azimuths", -math.inf, math.inf, False),
 )
-"""What can be set cone by cone: name, upper limit, and whether 0 is allowed."""
+"""What can be set cone by cone: name, lower and upper limit, and whether the lower is allowed."""
 
 
-def _at_elevation(
-    direction: tuple[float, float, float], angle: float
-) -> tuple[float, float, float]:
-    """Return an axis of the same azimuth at an angle to +z."""
-    turn = math.atan2(direction[1], direction[0])
-    sine = math.sin(angle)
-    return (sine * math.cos(turn), sine * math.sin(turn), math.cos(angle))
+def _axis(elevation: float, azimuth: float) -> tuple[float, float, float]:
+    """Return the unit axis at an angle to +z and one around it."""
+    sine = math.sin(elevation)
+    return (sine * math.cos(azimuth), sine * math.sin(azimuth), math.cos(elevation))

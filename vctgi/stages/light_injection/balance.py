@@ -14,7 +14,7 @@ import mitsuba as mi
 from vctgi.clipmap.addressing import texel_from_voxel, voxel_from_texel
 from vctgi.clipmap.levels import LevelLayout
 from vctgi.maths.directions import DIRECTION_COUNT
-from vctgi.stages.light_injection.kernels import TAPS
+from vctgi.stages.light_injection.kernels import Taps, scaled_taps
 
 ROUNDS = 4
 """Rounds of balancing, each of which about halves what is left of the stripes."""
@@ -24,8 +24,19 @@ SMALLEST_SUM = 1e-12
 and less, and the rarest tap is 1 / 384 along each axis."""
 
 
-def drawing_power(alpha: mi.Float, level: LevelLayout, width: int) -> mi.Float:
+def drawing_power(
+    alpha: mi.Float, level: LevelLayout, width: int, taps: Taps | None = None
+) -> mi.Float:
     """Return opacity times balancing factor of each slot [direction, z, y, x] of a level.
+
+    Parameters
+    ----------
+    alpha
+        Opacity of the slots.
+    level, width
+        The window, and the kernel's width.
+    taps
+        Of the kernel; None: as `kernels.TAPS` has them.
 
     References
     ----------
@@ -36,7 +47,7 @@ def drawing_power(alpha: mi.Float, level: LevelLayout, width: int) -> mi.Float:
     for _ in range(ROUNDS):
         around = alpha * factor
         for axis in range(3):
-            around = _blurred(around, level, axis, TAPS[width])
+            around = blurred(around, level, axis, taps or scaled_taps(width))
             dr.eval(around)
         # The square root damps what would swing between two states.
         has_sum = (alpha > 0.0) & (around > SMALLEST_SUM)
@@ -47,7 +58,7 @@ def drawing_power(alpha: mi.Float, level: LevelLayout, width: int) -> mi.Float:
     return power
 
 
-def _blurred(values: mi.Float, level: LevelLayout, axis: int, taps: tuple[float, ...]) -> mi.Float:
+def blurred(values: mi.Float, level: LevelLayout, axis: int, taps: Taps) -> mi.Float:
     """Return the values of slots blurred along an axis; nothing lies outside the window."""
     lane = dr.arange(mi.UInt32, DIRECTION_COUNT * level.voxel_count)
     texel, base = lane % level.voxel_count, lane // level.voxel_count * level.voxel_count

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -23,6 +24,9 @@ class LightInjectionConfig:
     prefilter: int = 1
     """Voxels along an edge of the box that a texel is spread over, 1 (none), 3 or 5; of each level
     its own voxels. Only covered slots get light, weighed by their opacity, and power is kept."""
+    prefilter_scale: float = 1.0
+    """Factor on the width of the pre-filter's kernel within its box, > 0; 1: a B-spline. Other
+    than 1 only where there is a pre-filter."""
     normalisation: Normalisation = "power"
     """"power": all that is injected stays, so a slot may be brighter than the surfaces in it.
     "radiance": no slot is brighter than its opacity times the radiance that the texels in it have
@@ -39,6 +43,16 @@ class LightInjectionConfig:
         if self.prefilter not in PREFILTERS:
             raise ValueError(
                 f"LightInjectionConfig.prefilter must be one of {PREFILTERS}, got {self.prefilter}."
+            )
+        if not 0.0 < self.prefilter_scale < math.inf:
+            raise ValueError(
+                "LightInjectionConfig.prefilter_scale must be > 0 and finite, "
+                f"got {self.prefilter_scale}."
+            )
+        if self.prefilter == 1 and self.prefilter_scale != 1.0:
+            raise ValueError(
+                "LightInjectionConfig.prefilter_scale must be 1 without a pre-filter, got "
+                f"{self.prefilter_scale}; set prefilter to 3 or 5."
             )
         if self.algorithm == "centre" and self.prefilter > 1:
             raise ValueError(

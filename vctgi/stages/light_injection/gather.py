@@ -66,7 +66,7 @@ def gather_splats(
         if width > 1:
             step = neighbour(dr.maximum(number, 1) - 1, width)
             per_weight = dr.gather(mi.Float, splats.per_weight, splat, has_splat)
-            weight = kernel_weight(step, width) * held * per_weight
+            weight = kernel_weight(step, covered.taps) * held * per_weight
         amounts = fixed_point(light, weight, target.device_steps)
         added = [
             total + dr.select(has_splat, amount, 0)

@@ -33,7 +33,14 @@ from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.stages.light_injection.balance import ROUNDS
 from vctgi.stages.light_injection.centre import nearest_keys, offer_splats, radiance_of_keys
 from vctgi.stages.light_injection.config import DEFAULT_CONFIG, LightInjectionConfig
-from vctgi.stages.light_injection.derivative import have_derivatives, make_mirror, mirror_splats
+from vctgi.stages.light_injection.derivative import (
+    detached_slots,
+    have_derivatives,
+    make_mirror,
+    mirror_splats,
+    mirror_thickness,
+    spread_mirror,
+)
 from vctgi.stages.light_injection.gather import gather_splats
 from vctgi.stages.light_injection.scatter import scatter_splats
 from vctgi.stages.light_injection.splats import (
@@ -57,6 +64,7 @@ def inject_light(
     maps: list[ReflectiveShadowMap],
     opacity: OpacityClipmap,
     config: LightInjectionConfig = DEFAULT_CONFIG,
+    prefilter_scale: mi.Float | None = None,
 ) -> EmittanceClipmap:
     """Turn lit points into emittance.
 
@@ -69,6 +77,8 @@ def inject_light(
         no opacity is never seen.
     config
         Algorithm, pre-filter and normalisation.
+    prefilter_scale
+        Value that goes before that of `config`, for derivatives, one lane; None: that number.
 
     Returns
     -------
@@ -92,7 +102,7 @@ def inject_light(
         [(0.0, 0.0)] * layout.clip_level_count,
     )
     whole = [own_regions(layout, level) for level in layout.clip_levels]
-    return update_emittance(dark, maps, opacity, whole, config)
+    return update_emittance(dark, maps, opacity, whole, config, prefilter_scale)
 
 
 def update_emittance(
@@ -101,6 +111,7 @@ def update_emittance(
     opacity: OpacityClipmap,
     stale: Sequence[Sequence[Region]],
     config: LightInjectionConfig = DEFAULT_CONFIG,
+    prefilter_scale: mi.Float | None = None,
 ) -> EmittanceClipmap:
     """Light anew what became stale.
 
@@ -115,7 +126,7 @@ def update_emittance(
     stale
         Boxes of each level whose surfaces, opacity or light changed; all else must be as it was.
         `relit_regions` says what is overwritten.
-    config
+    config, prefilter_scale
         As before.
 
     Returns
@@ -124,6 +135,8 @@ def update_emittance(
         The same, bit for bit, as `inject_light` of all of it.
     """
     layout = opacity.layout
+    if prefilter_scale is None and config.prefilter_scale != 1.0:
+        prefilter_scale = dr.opaque(mi.Float, config.prefilter_scale)
     if config.needs_radiance and any(m.radiance is None for m in maps):
         raise ValueError(
             "inject_light: texels do not know their surface's radiance, which "
@@ -143,7 +156,7 @@ def update_emittance(
         is_kept = steps == emittance.steps_per_unit[level.level]
         boxes = relit[level.level] if is_kept else own_regions(layout, level)
         target = make_target(boxes, level, _channel_count(config), steps)
-        shares.append(_fill(lit, target, lighting, opacity, config))
+        shares.append(_fill(lit, target, lighting, opacity, (config, prefilter_scale)))
         lit.steps_per_unit.append(steps)
     for found, lost in np.array(dr.concat(shares), dtype=np.float64).reshape(-1, 2).tolist():
         lit.lost_flux_share.append(lost / (found + lost) if found + lost > 0.0 else 0.0)
@@ -244,23 +257,25 @@ def _fill(
     target: Target,
     maps: list[ReflectiveShadowMap],
     opacity: OpacityClipmap,
-    config: LightInjectionConfig,
+    rules: tuple[LightInjectionConfig, mi.Float | None],
 ) -> mi.Float:
     """Overwrite the emittance in boxes of a level; return the light that was found, and lost."""
     level = target.level
-    covered = covered_slots(opacity, level, config.prefilter)
+    config, scale = rules
+    live = covered_slots(opacity, level, config.prefilter, scale)
+    covered = detached_slots(live)
     keys = nearest_keys(target)
-    if have_derivatives(maps) and config.algorithm != "centre":
+    if have_derivatives(maps, opacity, scale) and config.algorithm != "centre":
         target.mirror = make_mirror(target)
     totals, first_texel = mi.Float(0.0, 0.0), 0
     for rsm in maps:
         found, lost = mi.Float(0.0), mi.Float(0.0)
         for axis in range(3):
+            mirror_thickness(target, rsm, covered, axis, opacity)
             for attached in make_splats(rsm, covered, axis, config):
                 # Integers have no derivatives, and loops that make them must not look for any.
                 splats = replace(attached, light=dr.detach(attached.light))
-                if target.mirror is not None:
-                    mirror_splats(target.mirror, target, attached, covered, config.prefilter)
+                mirror_splats(target, attached)
                 if config.algorithm == "centre":
                     offer_splats(keys, target, splats, first_texel, level)
                 elif config.algorithm == "gather":
@@ -274,6 +289,7 @@ def _fill(
         # All axes of a map in one launch.
         dr.eval(found, lost, target.sums)
         totals += dr.concat([dr.sum(found), dr.sum(lost)])
+    spread_mirror(target, live, opacity, config.prefilter)
     _write(lit, target, opacity, keys, maps, config)
     return totals
 
@@ -301,21 +317,24 @@ def _write(
         won = radiance_of_keys(dr.gather(mi.UInt64, keys, held), maps)
         emitted = [mi.Float(won[channel]) * coverage for channel in range(3)]
     else:
-        emitted = _emitted(target, held, coverage)
+        emitted = _emitted(target, (held, index), coverage)
     dr.scatter(lit.levels[level.level], mi.Color3f(*emitted), index)
     dr.eval(lit.levels[level.level])
 
 
-def _emitted(target: Target, held: mi.UInt32, coverage: mi.Float) -> list[mi.Float]:
+def _emitted(
+    target: Target, places: tuple[mi.UInt32, mi.UInt32], coverage: mi.Float
+) -> list[mi.Float]:
     """Emittance of slots from their sums, bounded by the mean radiance where that is known."""
+    held, index = places
     per_step = [dr.opaque(mi.Float64, 1.0 / steps if steps else 0.0) for steps in target.steps]
     values = [
         mi.Float64(dr.gather(mi.Int64, sums, held)) * per_step[channel // 3]
         for channel, sums in enumerate(target.sums)
     ]
-    if target.mirror is not None:
+    if target.live is not None:
         # Values of the integers, derivatives of the mirror: what is added is zero.
-        mirrored = (dr.gather(mi.Float64, sums, held) for sums in target.mirror)
+        mirrored = (mi.Float64(dr.gather(mi.Float, live, index)) for live in target.live)
         pairs = zip(values, mirrored, strict=True)
         values = [mi.Float64(value + (live - dr.detach(live))) for value, live in pairs]
     emitted = []

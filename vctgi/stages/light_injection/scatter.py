@@ -32,7 +32,7 @@ def scatter_splats(target: Target, splats: Splats, covered: CoveredSlots, width:
         held = dr.gather(
             mi.Float, covered.drawing, texel + block, splats.is_seen & covered.is_held(voxel)
         )
-        weight = kernel_weight(step, width) * held * splats.per_weight
+        weight = kernel_weight(step, covered.taps) * held * splats.per_weight
         _add(target, splats, voxel, weight, level)
         return (number + 1,)
 

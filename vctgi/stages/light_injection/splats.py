@@ -22,7 +22,7 @@ from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.stages.light_injection.balance import drawing_power
 from vctgi.stages.light_injection.config import LightInjectionConfig
-from vctgi.stages.light_injection.kernels import tap_weight
+from vctgi.stages.light_injection.kernels import Taps, scaled_taps, tap_weight
 
 
 @dataclass
@@ -43,6 +43,8 @@ class CoveredSlots:
     drawing
         [direction, z, y, x]: what the kernel's weight of each slot is multiplied by; 0 without
         opacity.
+    taps
+        Of the pre-filter along an axis; none without one.
     """
 
     level: LevelLayout
@@ -50,14 +52,18 @@ class CoveredSlots:
     is_finer: Callable[[mi.Vector3i], mi.Bool] | None
     rule: SlotRule
     drawing: mi.Float
+    taps: Taps
 
 
-def covered_slots(opacity: OpacityClipmap, level: LevelLayout, width: int) -> CoveredSlots:
-    """Return the slots of a level that have opacity, for a pre-filter of this width."""
+def covered_slots(
+    opacity: OpacityClipmap, level: LevelLayout, width: int, scale: mi.Float | None = None
+) -> CoveredSlots:
+    """Return the slots of a level that have opacity, for a pre-filter of this width and scale."""
     alpha = opacity.levels[level.level]
-    drawing = alpha if width == 1 else drawing_power(alpha, level, width)
+    taps = scaled_taps(width, scale) if width > 1 else ()
+    drawing = alpha if width == 1 else drawing_power(alpha, level, width, taps)
     finer = window_test(opacity.layout.levels[level.level - 1]) if level.level > 0 else None
-    return CoveredSlots(level, window_test(level), finer, opacity.rule, drawing)
+    return CoveredSlots(level, window_test(level), finer, opacity.rule, drawing, taps)
 
 
 @dataclass
@@ -108,10 +114,22 @@ def neighbour(number: mi.UInt32, width: int) -> mi.Vector3i:
     return mi.Vector3i(mi.Int32(x), mi.Int32(y), mi.Int32(z)) - width // 2
 
 
-def kernel_weight(step: mi.Vector3i, width: int) -> mi.Float:
+def kernel_weight(step: mi.Vector3i, taps: Taps) -> mi.Float:
     """Weight of the voxel `step` away from the one that a splat lies in."""
-    x, y, z = (tap_weight(mi.Int32(step[axis]), width) for axis in range(3))
+    x, y, z = (tap_weight(mi.Int32(step[axis]), taps) for axis in range(3))
     return x * y * z
+
+
+def splat_light(
+    rsm: ReflectiveShadowMap, level: LevelLayout, axis: int, channel_count: int
+) -> list[mi.Float]:
+    """Return what texels add to a slot along an axis, as `Splats.light`."""
+    value = rsm.reflected_flux * (dr.abs(rsm.normal[axis]) * radiance_per_flux(level))
+    light = [mi.Float(value[channel]) for channel in range(3)]
+    if channel_count > 3:
+        assert rsm.radiance is not None, "injection asks for the radiance before it makes splats"
+        light += [light[channel] * mi.Float(rsm.radiance[channel]) for channel in range(3)]
+    return light
 
 
 def make_splats(
@@ -123,11 +141,8 @@ def make_splats(
     """Yield the splats of a map along an axis, layer by layer, nearest first."""
     level = covered.level
     slot = surface_slot(mi.Float(rsm.normal[axis]), covered.rule)
-    value = rsm.reflected_flux * (dr.abs(rsm.normal[axis]) * radiance_per_flux(level))
-    light = [mi.Float(value[channel]) for channel in range(3)]
-    if config.normalisation == "radiance" and config.algorithm != "centre":
-        assert rsm.radiance is not None, "injection asks for the radiance before it makes splats"
-        light += [light[channel] * mi.Float(rsm.radiance[channel]) for channel in range(3)]
+    is_bounded = config.normalisation == "radiance" and config.algorithm != "centre"
+    light = splat_light(rsm, level, axis, 6 if is_bounded else 3)
     where = rsm.position / level.voxel_size
     voxel = mi.Vector3i(dr.floor(where))
     offset = mi.Vector3f(where - mi.Point3f(voxel)) - 0.5
@@ -170,7 +185,7 @@ def _per_weight(splats: Splats, covered: CoveredSlots, width: int) -> mi.Float:
         step = neighbour(number, width)
         voxel = splats.voxel + step
         held = drawing_at(voxel, splats.is_active & covered.is_held(voxel))
-        return number + 1, dr.fma(kernel_weight(step, width), held, total)
+        return number + 1, dr.fma(kernel_weight(step, covered.taps), held, total)
 
     _, total = dr.while_loop(
         state=(dr.zeros(mi.UInt32, lanes), dr.zeros(mi.Float, lanes)),

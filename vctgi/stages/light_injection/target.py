@@ -37,8 +37,9 @@ class Target:
         Fixed-point steps per unit of the first three channels, and of the other three.
     device_steps
         The same, as numbers that no kernel holds.
-    mirror
-        The sums in emittance, with derivatives; None where the light has none.
+    mirror, live
+        What texels add to the slots [direction, z, y, x] that they lie in, in emittance with
+        derivatives, and what slots have of it after the pre-filter; None where there are none.
     """
 
     level: LevelLayout
@@ -49,6 +50,7 @@ class Target:
     steps: list[float]
     device_steps: list[mi.Float64]
     mirror: list[mi.Float64] | None = None
+    live: list[mi.Float] | None = None
 
 
 def make_target(

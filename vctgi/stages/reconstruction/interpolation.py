@@ -10,7 +10,6 @@ an edge. What is interpolated is irradiance: textures are not blurred.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -47,6 +46,21 @@ class TracedPixels:
     place: mi.Point2f
     surface: _Surface
     light: mi.Color3f
+
+
+@dataclass(frozen=True)
+class SurfaceWidths:
+    """How unlike two points of one surface may be, as numbers or as arrays of one lane.
+
+    Attributes
+    ----------
+    normal_angle, plane_slope, depth_ratio
+        `ReconstructionConfig.max_normal_angle`, `max_plane_slope` and `max_depth_ratio`.
+    """
+
+    normal_angle: float | mi.Float
+    plane_slope: float | mi.Float
+    depth_ratio: float | mi.Float
 
 
 @dataclass
@@ -107,6 +121,7 @@ def interpolate(
     place: mi.Point2f,
     traced: TracedPixels,
     config: ReconstructionConfig,
+    widths: SurfaceWidths | None = None,
 ) -> Interpolated:
     """Give every ray the light of the traced pixels of its surface.
 
@@ -119,13 +134,19 @@ def interpolate(
         The traced pixels.
     config
         What counts as the same surface, and how much of it is needed.
+    widths
+        Values that go before those of `config`, for derivatives; None: those. Which rays find too
+        few neighbours changes in jumps, which derivatives do not see.
 
     References
     ----------
     [Panteleev2014], slide "Sparse diffuse cone tracing".
     """
     own = _surface_of(gbuffer)
-    light, support, contrast = _weigh_neighbours(own, place, traced, config)
+    widths = widths or SurfaceWidths(
+        config.max_normal_angle, config.max_plane_slope, config.max_depth_ratio
+    )
+    light, support, contrast = _weigh_neighbours(own, place, traced, widths)
     is_alone = support < config.min_support
     if config.max_contrast is not None:
         is_alone |= contrast > config.max_contrast
@@ -154,7 +175,7 @@ def refine(gbuffer: GBuffer, found: Interpolated, gather: Gather) -> mi.Color3f:
 
 
 def _weigh_neighbours(
-    own: _Surface, place: mi.Point2f, traced: TracedPixels, config: ReconstructionConfig
+    own: _Surface, place: mi.Point2f, traced: TracedPixels, widths: SurfaceWidths
 ) -> tuple[mi.Color3f, mi.Float, mi.Float]:
     """Weighted mean of the neighbours' light, the share of their weight that counts, contrast.
 
@@ -176,7 +197,7 @@ def _weigh_neighbours(
             )
             nearness = dr.select(is_there, nearness, 0.0)
             other = dr.gather(_Surface, traced.surface, block)
-            weight = nearness * _likeness(own, other, config)
+            weight = nearness * _likeness(own, other, widths)
             light = dr.gather(mi.Color3f, traced.light, block)
             total = dr.fma(as_component(weight), light, total)
             squares = dr.fma(weight, dr.square(channel_mean(light)), squares)
@@ -203,24 +224,26 @@ def _nearness(offset: mi.Vector2f, edge: int) -> mi.Float:
     return mi.Float(along.x * along.y)
 
 
-def _likeness(own: _Surface, other: _Surface, config: ReconstructionConfig) -> mi.Float:
+def _likeness(own: _Surface, other: _Surface, widths: SurfaceWidths) -> mi.Float:
     """How much two points belong to one surface, [0, 1], by normal, plane and depth."""
-    least_cosine = math.cos(config.max_normal_angle)
+    least_cosine = dr.cos(widths.normal_angle)
     cosine = mi.Float(dr.dot(own.normal, other.normal))
     by_normal = (cosine - least_cosine) / (1.0 - least_cosine)
 
     # Distance from either plane over distance: the slope at which the other point stands off. It
     # has no unit, so it means the same near and far, and in grazing view.
     between = mi.Vector3f(other.position - own.position)
-    distance = mi.Float(dr.norm(between))
+    squared = mi.Float(dr.squared_norm(between))
+    # Selected before the root, whose derivative at 0 is none.
+    distance = dr.sqrt(dr.select(squared > 0.0, squared, 1.0))
     from_own = mi.Float(dr.abs(dr.dot(own.normal, between)))
     from_other = mi.Float(dr.abs(dr.dot(other.normal, between)))
-    slope = dr.maximum(from_own, from_other) / dr.select(distance > 0.0, distance, 1.0)
-    by_plane = 1.0 - slope / config.max_plane_slope
+    slope = dr.maximum(from_own, from_other) / distance
+    by_plane = 1.0 - slope / widths.plane_slope
 
     nearer = dr.minimum(own.depth, other.depth)
     ratio = dr.abs(own.depth - other.depth) / dr.select(nearer > 0.0, nearer, 1.0)
-    by_depth = 1.0 - ratio / config.max_depth_ratio
+    by_depth = 1.0 - ratio / widths.depth_ratio
 
     shares = (dr.clip(each, 0.0, 1.0) for each in (by_normal, by_plane, by_depth))
     first, second, third = shares

@@ -42,6 +42,32 @@ GRAZING = 0.1
 """Cosines are taken as at least this large: flatter light is spread thin on purpose."""
 
 
+@dataclass
+class LampRays:
+    """Rays that share the power of lamps.
+
+    Attributes
+    ----------
+    ray
+        The rays.
+    weight
+        The power that all light of the lamp had if it were like each, W.
+    which
+        The place of its lamp in the list.
+    texel
+        Its number among the lamp's.
+    position, direction
+        Samples of its place on the lamp and of its direction, [0, 1)^2.
+    """
+
+    ray: mi.Ray3f
+    weight: mi.Color3f
+    which: mi.UInt32
+    texel: mi.UInt32
+    position: mi.Point2f
+    direction: mi.Point2f
+
+
 def lamp_rays(
     scene: mi.Scene,
     lights: list[Light],
@@ -49,7 +75,7 @@ def lamp_rays(
     layout: ClipmapLayout,
     *,
     is_survey: bool = False,
-) -> tuple[mi.Ray3f, mi.Color3f, mi.UInt32, mi.UInt32]:
+) -> LampRays:
     """Return rays that share the power of lamps.
 
     Parameters
@@ -65,9 +91,8 @@ def lamp_rays(
 
     Returns
     -------
-    tuple
-        Rays; the power that all light of the lamp had if it were like each, W; the place of its
-        lamp in the list; its number among the lamp's.
+    LampRays
+        The rays.
     """
     which = mi.UInt32(np.repeat(np.arange(len(lights), dtype=np.uint32), counts))
     ends = np.cumsum(counts)
@@ -98,7 +123,7 @@ def lamp_rays(
     side = face_forward(mi.Vector3f(on_lamp.n), ray.d)
     start = offset_from_surface(on_lamp.p, side, half_extent(scene, layout.extent))
     ray.o = dr.select(is_area, start, ray.o)
-    return ray, mi.Color3f(weight), which, texel
+    return LampRays(ray, mi.Color3f(weight), which, texel, position, direction)
 
 
 ONE_PLACE, ONE_DIRECTION, AREA = 1, 2, 4
@@ -148,9 +173,8 @@ def survey_lamps(
 ) -> LampSurvey:
     """Send `edge`^2 rays from each lamp and see where they land."""
     count = len(lights)
-    ray, weight, _, _ = lamp_rays(
-        scene, lights, np.full(count, edge * edge), layout, is_survey=True
-    )
+    rays = lamp_rays(scene, lights, np.full(count, edge * edge), layout, is_survey=True)
+    ray, weight = rays.ray, rays.weight
     si = scene.ray_intersect(ray, as_mask(True))
     met = meets_front(si, mi.Vector3f(ray.d))
     distance = dr.select(si.is_valid(), si.t, 0.0)

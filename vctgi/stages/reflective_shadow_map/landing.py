@@ -16,6 +16,7 @@ from vctgi.maths.directions import face_forward, front_normal
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.scene.reflectance import hemispherical_albedo
+from vctgi.stages.reflective_shadow_map.derivative import Landing, RayOrigins, follow_lights
 
 GRAZING_COSINE = 1e-4
 """Below it a geometric cosine is rounding, by which nothing is divided."""
@@ -31,6 +32,7 @@ def land(
     flux: mi.Color3f,
     windows: LaneWindows | None,
     texel: mi.UInt32,
+    origins: RayOrigins | None = None,
 ) -> tuple[ReflectiveShadowMap, mi.UInt32] | None:
     """Find the lit points of rays.
 
@@ -44,6 +46,9 @@ def land(
         The window that each point is for; those outside it are left out. None keeps all.
     texel
         Number of each ray within its light's map, which random decisions hash.
+    origins
+        What the rays were made from, where lights or surfaces have derivatives by where they are;
+        None: nothing has.
 
     Returns
     -------
@@ -51,9 +56,12 @@ def land(
         The map, without the name of its light and for no level, and which rays its texels are, in
         their order. None if all miss.
     """
+    # Calls of emitters and shapes bring ties to all that are alive, also of other scenes.
+    ray = dr.detach(ray)
     is_lit = dr.max(flux) > 0.0
     # First only which rays hit, then the surface of those.
-    found = scene.ray_intersect_preliminary(ray, as_mask(True), is_lit)
+    with dr.suspend_grad():  # type: ignore[no-untyped-call]
+        found = scene.ray_intersect_preliminary(ray, as_mask(True), is_lit)
     is_kept = found.is_valid() & is_lit
     if windows is not None:
         is_kept &= as_mask(windows.are_near(mi.Point3f(ray(found.t))))
@@ -63,13 +71,21 @@ def land(
         return None
     ray = dr.gather(mi.Ray3f, ray, hit)
     flux = dr.gather(mi.Color3f, flux, hit)
-    si = dr.gather(type(found), found, hit).compute_surface_interaction(ray)
+    met = dr.gather(type(found), found, hit)
+    with dr.suspend_grad():  # type: ignore[no-untyped-call]
+        si = met.compute_surface_interaction(ray)
     normal = mi.Vector3f(si.n)
     cosine = dr.abs(dr.dot(normal, ray.d))
     # Interpolated normals change the irradiance that Mitsuba's shading sees; so must ours.
     is_grazing = cosine <= GRAZING_COSINE
     turned = dr.abs(mi.Frame3f.cos_theta(si.wi)) / dr.select(is_grazing, 1.0, cosine)
-    shaded = flux * dr.select(is_grazing, 1.0, turned)
+    factor = mi.Float(dr.select(is_grazing, 1.0, turned))
+    shaded = flux * as_component(factor)
+    if origins is not None:
+        # The same points once more, going along with their surfaces.
+        flags = int(mi.RayFlags.All) | int(mi.RayFlags.FollowShape)
+        live = met.compute_surface_interaction(ray, flags)
+        flux, shaded = follow_lights(Landing(live, ray.d, hit, flux, factor), origins)
     reflected = shaded * hemispherical_albedo(si, dr.gather(mi.UInt32, texel, hit))
     result = ReflectiveShadowMap(
         light_name="",

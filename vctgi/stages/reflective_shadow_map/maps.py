@@ -13,9 +13,11 @@ from vctgi.clipmap.levels import ClipmapLayout
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.errors import SceneError
 from vctgi.maths.stub_gaps import as_component
+from vctgi.scene.derivatives import has_moving_shapes
 from vctgi.scene.lights import Light
 from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.stages.reflective_shadow_map.config import ReflectiveShadowMapConfig
+from vctgi.stages.reflective_shadow_map.derivative import RayOrigins, anything_moves
 from vctgi.stages.reflective_shadow_map.distant import distant_rays
 from vctgi.stages.reflective_shadow_map.lamps import LEAST_TEXELS, deal_texels, lamp_rays
 from vctgi.stages.reflective_shadow_map.landing import land
@@ -70,10 +72,17 @@ def render_reflective_shadow_maps(
         maps.append(_light_by_lamps(scene, lights, lamps, layout, (config, full, most)))
     for index in distant:
         limits = (min(wanted, affordable), affordable)
-        rays = distant_rays(scene, lights[index], layout.clip_levels, opacity, limits)
-        owner = dr.full(mi.UInt32, index, dr.width(rays.ray.o))
+        is_moving = anything_moves([lights[index]])
+        with dr.suspend_grad(when=is_moving):  # type: ignore[no-untyped-call]
+            rays = distant_rays(scene, lights[index], layout.clip_levels, opacity, limits)
+        count = dr.width(rays.ray.o)
+        owner = dr.full(mi.UInt32, index, count)
         require_power(rays.flux, owner, lights)
-        landed = land(scene, rays.ray, rays.flux, rays.windows, rays.texel)
+        origins = None
+        if is_moving or has_moving_shapes(scene):
+            middle = mi.Point2f(dr.full(mi.Float, 0.5, count), 0.5)
+            origins = RayOrigins(lights, owner, middle, middle, dr.full(mi.Float, 1.0, count))
+        landed = land(scene, rays.ray, rays.flux, rays.windows, rays.texel, origins)
         if landed is not None:
             found, hit = landed
             named = replace(found, light_name=lights[index].name)
@@ -140,12 +149,19 @@ def _light_by_lamps(
     chosen = [lights[index] for index in lamps]
     config, full, most = limits
     counts = deal_texels(scene, chosen, layout, config.texels_per_face, (full, most))
-    ray, weight, which, texel = lamp_rays(scene, chosen, counts, layout)
+    is_followed = anything_moves(lights) or has_moving_shapes(scene)
+    with dr.suspend_grad(when=is_followed):  # type: ignore[no-untyped-call]
+        rays = lamp_rays(scene, chosen, counts, layout)
+    which = rays.which
     texel_count = dr.gather(mi.UInt32, mi.UInt32(counts.astype(np.uint32)), which)
-    flux = weight / as_component(mi.Float(texel_count))
+    flux = rays.weight / as_component(mi.Float(texel_count))
     owner = dr.gather(mi.UInt32, mi.UInt32(np.array(lamps, dtype=np.uint32)), which)
     require_power(flux, owner, lights)
-    landed = land(scene, ray, flux, None, texel)
+    origins = None
+    if is_followed:
+        share = 1.0 / mi.Float(texel_count)
+        origins = RayOrigins(lights, owner, rays.position, rays.direction, share)
+    landed = land(scene, rays.ray, flux, None, rays.texel, origins)
     if landed is None:
         return None
     found, hit = landed

@@ -40,7 +40,7 @@ def add_areas(
         The triangles. A mask thins an area by the opaque share of what it covers of the face.
     """
     plane = depth_plane(columns.view, columns)
-    add_weighed_areas([sums], [_opaque_share(columns, plane, triangles)], columns, table)
+    add_weighed_areas([sums], [opaque_share(columns, plane, triangles)], columns, table)
 
 
 def add_weighed_areas(
@@ -81,7 +81,7 @@ def add_weighed_areas(
     )
 
 
-def _opaque_share(columns: Columns, plane: DepthPlane, triangles: DeviceTriangles) -> mi.Float64:
+def opaque_share(columns: Columns, plane: DepthPlane, triangles: DeviceTriangles) -> mi.Float64:
     """Share of what a triangle covers of a face at which a mask stops light, cell by cell."""
     if triangles.mask is None:
         return mi.Float64(1.0)

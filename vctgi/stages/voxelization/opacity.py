@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import Literal, get_args
+from typing import Literal, Union, get_args
 
 import drjit as dr
 import mitsuba as mi
@@ -34,10 +34,17 @@ from vctgi.stages.voxelization.columns import (
     enumerate_columns,
     region_table,
 )
+from vctgi.stages.voxelization.derivative import (
+    has_derivatives,
+    mirror_areas,
+    without_derivatives,
+)
 from vctgi.stages.voxelization.samples import mark_samples, sample_search
 from vctgi.stages.voxelization.triangles import DeviceTriangles, upload_triangles
 
 Coverage = Literal["cells", "samples", "analytic"]
+
+Words = Union["mi.UInt64", "mi.Int64", "mi.Float64"]
 
 WORDS_PER_PASS = 1 << 27
 """64-bit words of coverage that are held at a time (1 GiB); more is done in several passes."""
@@ -133,16 +140,63 @@ def voxelize_triangles(
     triangles: DeviceTriangles,
     layout: ClipmapLayout,
     config: OpacityVoxelizationConfig = DEFAULT_CONFIG,
+    thickness: mi.Float | None = None,
 ) -> OpacityClipmap:
-    """Voxelize surfaces that are on the device already, as `voxelize_opacity` does."""
+    """Voxelize surfaces that are on the device already, as `voxelize_opacity` does.
+
+    Parameters
+    ----------
+    triangles
+        Surfaces; their corners may have derivatives.
+    layout, config
+        As there.
+    thickness
+        `config.slots.thickness_voxels` with derivatives, one lane; None: without.
+
+    Raises
+    ------
+    ValueError
+        Derivatives of another coverage than "analytic", whose cells fill in jumps.
+    """
+    is_live = has_derivatives(triangles, thickness)
+    if is_live and config.coverage != "analytic":
+        raise ValueError(
+            f'OpacityVoxelizationConfig.coverage "{config.coverage}" has no derivatives, its cells '
+            'fill in jumps: set it to "analytic", or detach the vertices and the thickness.'
+        )
     levels = [dr.zeros(mi.Float, DIRECTION_COUNT * level.voxel_count) for level in layout.levels]
     regions = [box for level in layout.clip_levels for box in own_regions(layout, level)]
     if config.is_complete:
         regions = [window_region(level) for level in layout.clip_levels]
-    fill_regions(
-        levels, triangles, occupied_regions(triangles, regions, config.reach_voxels), config
+    growth, live = None, None
+    if is_live:
+        if dr.grad_enabled(triangles.corners):
+            growth = [dr.full(mi.Float, 1.0, dr.width(level)) for level in levels]
+        thickness = thickness if dr.grad_enabled(thickness) else None
+        live = Live(triangles, thickness, growth)
+    triangles = without_derivatives(triangles)
+    boxes = occupied_regions(triangles, regions, config.reach_voxels)
+    fill_regions(levels, triangles, boxes, config, live=live)
+    return OpacityClipmap(
+        layout, levels, config.slots, growth, None if live is None else live.thickness
     )
-    return OpacityClipmap(layout, levels, config.slots)
+
+
+@dataclass
+class Live:
+    """What coverage has derivatives by, and how it grows.
+
+    Attributes
+    ----------
+    triangles, thickness
+        Triangles, and their thickness if it has derivatives.
+    growth
+        As in `OpacityClipmap`; changed in place.
+    """
+
+    triangles: DeviceTriangles
+    thickness: mi.Float | None
+    growth: list[mi.Float] | None
 
 
 def fill_regions(
@@ -151,6 +205,7 @@ def fill_regions(
     regions: Sequence[Region],
     config: OpacityVoxelizationConfig,
     cleared: Sequence[Region] = (),
+    live: Live | None = None,
 ) -> None:
     """Overwrite the opacity of boxes of voxels.
 
@@ -166,16 +221,25 @@ def fill_regions(
         Sampling and thickness.
     cleared
         Boxes of levels among those of `regions` to set to zero.
+    live
+        What has derivatives, with analytic coverage; None: nothing.
     """
     for group in _passes(regions, config):
         table = region_table(group, config.supersampling)
-        words = _cover(triangles, table, config)
+        words: list[Words] = [_cover(triangles, table, config)]
+        if live is not None:
+            words.append(mirror_areas(live.triangles, table, config.slots, live.thickness))
+            if live.growth is not None and live.thickness is not None:
+                words.append(mirror_areas(live.triangles, table, config.slots, None))
         offset = 0
         for level, boxes in groupby(group, key=lambda region: region.level):
-            held = list(boxes)
-            voxel_count = count_voxels(held)
+            own = list(boxes)
+            voxel_count = count_voxels(own)
             empty = [box for box in cleared if box.level == level]
-            _write(levels[level.level], words, held, empty, offset, config)
+            growth = None
+            if live is not None and live.growth is not None:
+                growth = live.growth[level.level]
+            _write((levels[level.level], growth), words, own, empty, offset, config)
             offset += DIRECTION_COUNT * config.supersampling(level.level) ** 2 * voxel_count
         dr.eval([levels[region.level.level] for region in group])
 
@@ -219,14 +283,20 @@ def _passes(regions: Sequence[Region], config: OpacityVoxelizationConfig) -> Ite
 
 
 def _write(
-    opacity: mi.Float,
-    words: mi.UInt64 | mi.Int64,
+    result: tuple[mi.Float, mi.Float | None],
+    words: list[Words],
     boxes: list[Region],
     empty: list[Region],
     offset: int,
     config: OpacityVoxelizationConfig,
 ) -> None:
-    """Turn the coverage of the boxes of a level into opacity at its texels, and clear others."""
+    """Turn the coverage of the boxes of a level into opacity at its texels, and clear others.
+
+    Second words are the same coverage in faces, with derivatives, and third ones those by corners
+    alone, if they differ; they come with a second result, `Live.growth`.
+    """
+    held, *mirrors = words
+    opacity, growth = result
     level = boxes[0].level
     factor, voxel_count = config.supersampling(level.level), count_voxels(boxes + empty)
     # What differs from frame to frame is opaque, so that a moved camera compiles nothing.
@@ -244,17 +314,32 @@ def _write(
     def word(slot: mi.UInt32, sub_face: int) -> mi.UInt32:
         return base + (slot * factor**2 + sub_face) * count + place
 
-    if isinstance(words, mi.Int64):
-        areas = dr.gather(mi.Int64, words, word(slot, 0), is_covered)
-        if config.is_two_sided:
-            areas += dr.gather(mi.Int64, words, word(slot ^ 1, 0), is_covered)
-        share = dr.minimum(mi.Float(mi.Float64(areas) / UNIT), 1.0)
+    if isinstance(held, mi.Int64):
+        sides = [slot, slot ^ 1] if config.is_two_sided else [slot]
+        areas = mi.Int64(0)
+        for side in sides:
+            areas += dr.gather(mi.Int64, held, word(side, 0), is_covered)
+        plain = mi.Float64(areas) / UNIT
+
+        def live(sums: Words) -> mi.Float64:
+            found = mi.Float64(plain)
+            for side in sides:
+                # Values of the integers, derivatives of the mirror: what is added is zero.
+                own = dr.gather(mi.Float64, sums, word(side, 0), is_covered)
+                found += own - dr.detach(own)
+            return found
+
+        share = dr.minimum(mi.Float(live(mirrors[0]) if mirrors else plain), 1.0)
+        if growth is not None:
+            value = dr.select(areas > 0, plain, 1.0)
+            grown = mi.Float(dr.select(areas > 0, live(mirrors[-1]) / value, 1.0))
+            dr.scatter(growth, grown, texel + slot * level.voxel_count)
     else:
         covered = mi.UInt32(0)
         for sub_face in range(factor**2):
-            bits = dr.gather(mi.UInt64, words, word(slot, sub_face), is_covered)
+            bits = dr.gather(mi.UInt64, held, word(slot, sub_face), is_covered)
             if config.is_two_sided:
-                bits |= dr.gather(mi.UInt64, words, word(slot ^ 1, sub_face), is_covered)
+                bits |= dr.gather(mi.UInt64, held, word(slot ^ 1, sub_face), is_covered)
             covered += mi.UInt32(dr.popcnt(bits))
         share = mi.Float(covered) * (1.0 / (factor * CELLS_PER_EDGE) ** 2)
     dr.scatter(opacity, share, texel + slot * level.voxel_count)

@@ -25,7 +25,8 @@ class DeviceTriangles:
     Attributes
     ----------
     corners
-        For each of three corners the flat world coordinates [axis, triangle].
+        For each of three corners the flat world coordinates [axis, triangle], with derivatives
+        where vertices have them.
     low, high
         Flat bounds [axis, triangle], rounded outwards to single precision.
     normal
@@ -67,9 +68,7 @@ def upload_triangles(
     # The last number belongs to no mask, whose index is -1.
     numbers = np.array([*map(registry_number, surfaces.masks), NO_MASK], dtype=np.uint32)
     return DeviceTriangles(
-        corners=[
-            mi.Float64(np.ascontiguousarray(vertices[:, corner].T).ravel()) for corner in range(3)
-        ],
+        corners=[_corners(surfaces, corner) for corner in range(3)],
         low=mi.Float(_rounded(vertices.min(axis=1), -np.inf)),
         high=mi.Float(_rounded(vertices.max(axis=1), np.inf)),
         normal=mi.Float(np.ascontiguousarray(unit_normals(vertices).T.astype(np.float32)).ravel()),
@@ -81,6 +80,18 @@ def upload_triangles(
         count=len(vertices),
         mask=mi.UInt32(numbers[surfaces.mask_index]) if has_masks else None,
     )
+
+
+def _corners(surfaces: VoxelSurfaces, corner: int) -> mi.Float64:
+    """Return the flat coordinates [axis, triangle] of a corner of each triangle."""
+    values = mi.Float64(np.ascontiguousarray(surfaces.vertices[:, corner].T).ravel())
+    if surfaces.live is None:
+        return values
+    index = mi.UInt32(surfaces.live.index[:, corner].astype(np.uint32))
+    moved = dr.gather(mi.Point3f, surfaces.live.positions, index)
+    live = dr.concat([mi.Float64(mi.Float(moved[axis])) for axis in range(3)])
+    # Values of the host's double precision, derivatives of the live ones: what is added is zero.
+    return mi.Float64(values + (live - dr.detach(live)))
 
 
 def _rounded(points: np.ndarray, towards: float) -> np.ndarray:
