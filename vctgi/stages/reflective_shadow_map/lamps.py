@@ -9,6 +9,7 @@ voxel goes with the sum of (power of a lamp)^2 / texels, which that makes least.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import cast
 
@@ -94,18 +95,21 @@ def lamp_rays(
     LampRays
         The rays.
     """
-    which = mi.UInt32(np.repeat(np.arange(len(lights), dtype=np.uint32), counts))
-    ends = np.cumsum(counts)
-    first = mi.UInt32((ends - counts).astype(np.uint32))
-    texel = dr.arange(mi.UInt32, int(ends[-1])) - dr.gather(mi.UInt32, first, which)
+    total = int(counts.sum())
+    first = lamp_table((np.cumsum(counts) - counts).tolist())
+    # A mark where each lamp's texels begin: the marks up to a texel count its lamp.
+    marks = dr.zeros(mi.UInt32, total)
+    is_inside = first < dr.opaque(mi.UInt32, total)
+    mode = dr.ReduceMode.Direct
+    dr.scatter_reduce(dr.ReduceOp.Add, marks, mi.UInt32(1), first, is_inside, mode)
+    which = mi.UInt32(dr.cumsum(marks) - 1)
+    texel = dr.arange(mi.UInt32, total) - dr.gather(mi.UInt32, first, which)
 
-    numbers = mi.UInt32(np.array([_registry_number(light) for light in lights], dtype=np.uint32))
-    number = dr.gather(mi.UInt32, numbers, which)
+    number = dr.gather(mi.UInt32, lamp_table([_registry_number(each) for each in lights]), which)
     emitter = cast("mi.EmitterPtr", dr.reinterpret_array(mi.EmitterPtr, number))
-    edges = mi.UInt32(np.sqrt(counts).round().astype(np.uint32))
+    edges = lamp_table(np.sqrt(counts).round().astype(int).tolist())
     edge = dr.maximum(dr.gather(mi.UInt32, edges, which), 1)
-    kinds = [_bits(light) for light in lights]
-    kind = dr.gather(mi.UInt32, mi.UInt32(np.array(kinds, dtype=np.uint32)), which)
+    kind = dr.gather(mi.UInt32, lamp_table([_bits(light) for light in lights]), which)
 
     # An area light has four coordinates, evenly filled in all of them together. Directions of a
     # point and positions of a lamp that shines one way lie on a grid. A spot takes its direction
@@ -124,6 +128,17 @@ def lamp_rays(
     start = offset_from_surface(on_lamp.p, side, half_extent(scene, layout.extent))
     ray.o = dr.select(is_area, start, ray.o)
     return LampRays(ray, mi.Color3f(weight), which, texel, position, direction)
+
+
+def lamp_table(values: Sequence[int]) -> mi.UInt32:
+    """Return a whole number of each lamp, on the device.
+
+    Copied and opaque: a NumPy array would be read in place, and by another kernel each time that
+    its memory is aligned otherwise.
+    """
+    table = mi.UInt32(list(values))
+    dr.make_opaque(table)
+    return table
 
 
 ONE_PLACE, ONE_DIRECTION, AREA = 1, 2, 4

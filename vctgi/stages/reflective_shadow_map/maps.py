@@ -19,7 +19,12 @@ from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.stages.reflective_shadow_map.config import ReflectiveShadowMapConfig
 from vctgi.stages.reflective_shadow_map.derivative import RayOrigins, anything_moves
 from vctgi.stages.reflective_shadow_map.distant import distant_rays
-from vctgi.stages.reflective_shadow_map.lamps import LEAST_TEXELS, deal_texels, lamp_rays
+from vctgi.stages.reflective_shadow_map.lamps import (
+    LEAST_TEXELS,
+    deal_texels,
+    lamp_rays,
+    lamp_table,
+)
 from vctgi.stages.reflective_shadow_map.landing import land
 
 
@@ -153,9 +158,9 @@ def _light_by_lamps(
     with dr.suspend_grad(when=is_followed):  # type: ignore[no-untyped-call]
         rays = lamp_rays(scene, chosen, counts, layout)
     which = rays.which
-    texel_count = dr.gather(mi.UInt32, mi.UInt32(counts.astype(np.uint32)), which)
+    texel_count = dr.gather(mi.UInt32, lamp_table(counts.tolist()), which)
     flux = rays.weight / as_component(mi.Float(texel_count))
-    owner = dr.gather(mi.UInt32, mi.UInt32(np.array(lamps, dtype=np.uint32)), which)
+    owner = dr.gather(mi.UInt32, lamp_table(lamps), which)
     require_power(flux, owner, lights)
     origins = None
     if is_followed:
