@@ -59,6 +59,10 @@ LEAST_ERROR = 1e-6
 """Least error at the start that a scene is divided by: a smaller one is lost in the noise."""
 
 
+HOPELESS_COST = 1.2
+"""Cost of a frame over what its mean is allowed to be, from which on no other frame is asked."""
+
+
 class Fit:
     """An objective, made from the frames at the start.
 
@@ -114,6 +118,8 @@ class Fit:
 
     def value(self, point: Array) -> float:
         """Return what is minimised, >= 0; infinity where a limit is broken."""
+        if self.is_hopeless(point):
+            return math.inf
         frames = self.frames(point)
         if self.broken_limits(frames):
             return math.inf
@@ -124,6 +130,19 @@ class Fit:
         )
         pushes = [each.push(each.mean(frames[each.scene])) for each in self.limits]
         return float(squares + sum(push**2 for push in pushes))
+
+    def is_hopeless(self, point: Array) -> bool:
+        """Whether a first frame alone costs more than any scatter of frames makes good.
+
+        What cones read scatters little from frame to frame, so that a point that reads too much is
+        known by one frame of one scene, and the others need not be rendered.
+        """
+        for limit in self.limits:
+            if limit.name in ("samples", "rays"):
+                frame = self._evaluator.values(limit.scene, 0, point)
+                if getattr(frame, limit.name) > HOPELESS_COST * (limit.start + limit.allowance):
+                    return True
+        return False
 
     def model(self, point: Array) -> LocalModel:
         """Return the same with derivatives."""
