@@ -216,7 +216,7 @@ CHOICES = {
             read=lambda config: config.diffuse.cone_count,
             write=_write_cone_count,
             scale=1.0,
-            options=(4, 6, 9, 12, 16, 17, 24, 32, 48, 64),
+            options=(4, 6, 9, 12, 16, 17, 20, 24, 28, 32, 40, 48, 64),
         ),
         Parameter(
             name="sparsity",
