@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import fmean
@@ -26,7 +27,7 @@ class Comparison:
     error
         `relmse_e2` of indirect diffuse light, mean of frames over mean of frames.
     samples, rays
-        What cones read.
+        What cones read; not a number where neither reads any.
     milliseconds
         Median times of gathering.
     """
@@ -67,4 +68,8 @@ def _comparison(context: StudyContext, scene: str, preset: str) -> Comparison:
 
 
 def _ratio(pair: tuple[Sequence[float], Sequence[float]]) -> float:
-    return fmean(pair[1]) / fmean(pair[0])
+    """Return the second mean over the first; not a number where neither reads anything."""
+    before, after = (fmean(each) for each in pair)
+    if before == 0.0:
+        return math.inf if after > 0.0 else math.nan
+    return after / before
