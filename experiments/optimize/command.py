@@ -37,10 +37,9 @@ def optimize(  # noqa: PLR0913 - the options of a command
         Parameter(
             negative="",
             help="What is fitted: aperture_scale, apertures, weights, elevations, step_ratio, "
-            "min_step, start_offset, exponent, pull_back, level_bias, near_field, max_contrast; "
-            "with evolution and Optuna also cone_count, sparsity, traced_once. Default: "
-            + ", ".join(DEFAULT_PARAMETERS)
-            + ".",
+            "min_step, start_offset, exponent, pull_back, level_bias, near_field, ring_jitter, "
+            "max_contrast; with evolution and Optuna also cone_count, sparsity, traced_once. "
+            "Default: " + ", ".join(DEFAULT_PARAMETERS) + ".",
         ),
     ] = None,
     method: Annotated[str, Parameter(help="One of " + ", ".join(METHODS) + ".")] = "gauss-newton",

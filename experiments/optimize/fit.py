@@ -74,6 +74,9 @@ class Fit:
         Inner point, [parameter].
     rules
         What is limited.
+    is_pushed
+        Whether limits push before they refuse, for methods that follow derivatives; a search that
+        only compares points needs no such slope, and would take noise within a limit for a loss.
 
     Attributes
     ----------
@@ -83,8 +86,16 @@ class Fit:
         What must not get worse.
     """
 
-    def __init__(self, evaluator: Evaluator, start: Array, rules: LimitRules = LIMIT_RULES) -> None:
+    def __init__(
+        self,
+        evaluator: Evaluator,
+        start: Array,
+        rules: LimitRules = LIMIT_RULES,
+        *,
+        is_pushed: bool = True,
+    ) -> None:
         self._evaluator = evaluator
+        self._is_pushed = is_pushed
         frames = self.frames(start)
         self.start_errors = [max(_mean_error(each), LEAST_ERROR) for each in frames]
         self.limits: list[Limit] = []
@@ -128,6 +139,8 @@ class Fit:
             for scene, scene_frames in enumerate(frames)
             for each in scene_frames
         )
+        if not self._is_pushed:
+            return float(squares)
         pushes = [each.push(each.mean(frames[each.scene])) for each in self.limits]
         return float(squares + sum(push**2 for push in pushes))
 

@@ -172,6 +172,13 @@ SINGLE = {
             "real rays: below, they end before the first sample; above, they are ray tracing",
         ),
         _single(
+            "ring_jitter",
+            _diffuse("ring_jitter"),
+            (0.0, 1.0),
+            "a share: at 1 axes fill the hemisphere evenly",
+            1.0,
+        ),
+        _single(
             "max_contrast",
             (_read_contrast, _write_contrast),
             (0.15, 1.5),

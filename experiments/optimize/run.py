@@ -155,7 +155,8 @@ def run_fit(options: FitOptions, variant: str, progress: Progress) -> FitResult:
 
     training = evaluator(views, 0)
     start = np.array([each.inner(each.read(base)) for each in parameters])
-    fit = Fit(training, start, options.limits)
+    is_pushed = options.method not in WITHOUT_DERIVATIVES
+    fit = Fit(training, start, options.limits, is_pushed=is_pushed)
     _require_errors(fit, views)
     minimum = _minimise(fit, parameters, start, options, shown)
     end, fitted = minimum.point, point_config(base, parameters, minimum.point)

@@ -134,3 +134,17 @@ def test_what_costs_far_too_much_is_refused_after_one_frame() -> None:
     scenes.asked = 0
     assert fit.value(np.array([0.4, 0.0])) == np.inf
     assert scenes.asked > len(PLACES) * scenes.frame_count
+
+
+def test_a_search_is_refused_but_not_pushed() -> None:
+    scenes = Parabolas(PLACES, (1.0, 1.0))
+    search = Fit(scenes, np.zeros(2), is_pushed=False)
+    # Leaking grows with the second number; its allowance is 2 % of 0.4.
+    slightly, far = np.array([0.0, 0.05]), np.array([0.0, 0.5])
+    frames = search.frames(slightly)
+    squares = np.mean(
+        [each.squares / error for rows, error in zip(frames, search.start_errors) for each in rows]
+    )
+    assert search.value(slightly) == pytest.approx(float(squares))
+    assert Fit(scenes, np.zeros(2)).value(slightly) > search.value(slightly)
+    assert search.value(far) == np.inf
