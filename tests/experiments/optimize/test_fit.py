@@ -143,7 +143,11 @@ def test_a_search_is_refused_but_not_pushed() -> None:
     slightly, far = np.array([0.0, 0.05]), np.array([0.0, 0.5])
     frames = search.frames(slightly)
     squares = np.mean(
-        [each.squares / error for rows, error in zip(frames, search.start_errors) for each in rows]
+        [
+            each.squares / error
+            for rows, error in zip(frames, search.start_errors, strict=True)
+            for each in rows
+        ]
     )
     assert search.value(slightly) == pytest.approx(float(squares))
     assert Fit(scenes, np.zeros(2)).value(slightly) > search.value(slightly)
