@@ -204,7 +204,9 @@ def _within_rings(
         dr.gather(mi.Float, mi.Float(list(each)), cone) for each in zip(*rims, strict=True)
     )
     held = mi.Float(dr.square(axis_local.x) + dr.square(axis_local.y))
-    place = dr.lerp(low, high, random_unit(sample_index, RING_STREAM + cone))
+    # The cones of a ring share it out among them, so that each point sees nearly all elevations.
+    turn = random_unit(sample_index, RING_STREAM) + GOLDEN_TURN * mi.Float(cone)
+    place = dr.lerp(low, high, turn - dr.floor(turn))
     moved = dr.lerp(held, place, dr.opaque(mi.Float, config.ring_jitter))
     # The pole has no azimuth: any will do, as all are turned with the pixel.
     is_pole = held < LEAST_SQUARE
@@ -266,8 +268,8 @@ MAX_CONES_PER_PASS = 1 << 25
 """Cones that are traced at a time; bounds the memory of a pass."""
 
 ROTATION_STREAM, PHASE_STREAM, RING_STREAM = 100, 200, 600
-"""Hash streams of the cones' rotation and, from the others on, of each cone's phase and place in
-its ring."""
+"""Hash streams of the cones' rotation, of each cone's phase from there on, and of their places in
+their rings."""
 
 LEAST_SQUARE = 1e-8
 """Squared sine of an elevation below which an axis is the pole's."""
