@@ -20,7 +20,7 @@ from experiments.optimize.target import Array
 PARENT_COUNT = 4
 """Best points from which the next trial may start."""
 
-FIRST_WIDTH = 0.25
+FIRST_WIDTH = 0.15
 """Standard deviation of the first steps, as a share of the bounds' distance."""
 
 HALVING = 30
