@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import drjit as dr
 import numpy as np
 import pytest
 
@@ -94,3 +95,12 @@ def test_what_makes_no_sense_is_refused() -> None:
         replace(STILL, ring_jitter=1.5)
     with pytest.raises(ValueError, match="stand in no rings"):
         DiffuseConesConfig(cone_count=6, cone_set="crassin6", ring_jitter=0.5)
+
+
+def test_derivatives_by_elevations_are_finite_at_the_pole_too() -> None:
+    parameters = ConeParameters.from_config(STILL)
+    dr.enable_grad(parameters["elevations"])
+    at = white_receivers(np.zeros((8, 3)), np.repeat([[0.0, 0.0, 1.0]], 8, axis=0))
+    found = trace_diffuse(at, glowing_fog(), STILL, parameters=parameters)
+    dr.backward(dr.sum(found.x))
+    assert np.all(np.isfinite(np.array(dr.grad(parameters["elevations"]))))
