@@ -16,7 +16,7 @@ from experiments.errors import EXIT_DONE, InputError
 if TYPE_CHECKING:
     from experiments.optimize.run import FitOptions
 
-METHODS = ("gauss-newton", "adam", "optuna")
+METHODS = ("gauss-newton", "adam", "evolution", "optuna")
 DERIVATIVES = ("forward", "differences")
 DEFAULT_PARAMETERS = ("aperture_scale", "exponent", "pull_back", "level_bias")
 
@@ -37,8 +37,9 @@ def optimize(  # noqa: PLR0913 - the options of a command
         Parameter(
             negative="",
             help="What is fitted: aperture_scale, apertures, weights, elevations, step_ratio, "
-            "min_step, start_offset, exponent, pull_back, level_bias, near_field; with Optuna also "
-            "cone_count, sparsity. Default: " + ", ".join(DEFAULT_PARAMETERS) + ".",
+            "min_step, start_offset, exponent, pull_back, level_bias, near_field, ring_jitter, "
+            "max_contrast; with evolution and Optuna also cone_count, sparsity, traced_once. "
+            "Default: " + ", ".join(DEFAULT_PARAMETERS) + ".",
         ),
     ] = None,
     method: Annotated[str, Parameter(help="One of " + ", ".join(METHODS) + ".")] = "gauss-newton",

@@ -94,7 +94,7 @@ def compare_view(
         missing_energy=_means("missing_energy", frames),
         samples=_means("samples", frames),
         rays=_means("rays", frames),
-        milliseconds=_times(view, configs, source),
+        milliseconds=gathering_times(view, configs, source),
     )
 
 
@@ -130,7 +130,7 @@ def _means(name: str, frames: Sequence[Sequence[FrameValues]]) -> tuple[float, f
     return before, after
 
 
-def _times(
+def gathering_times(
     view: View, configs: tuple[RenderConfig, RenderConfig], source: FrameSource
 ) -> tuple[float, float]:
     """Return how long each configuration gathers a frame, ms, taken in turn."""

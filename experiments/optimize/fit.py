@@ -59,6 +59,10 @@ LEAST_ERROR = 1e-6
 """Least error at the start that a scene is divided by: a smaller one is lost in the noise."""
 
 
+HOPELESS_COST = 1.2
+"""Cost of a frame over what its mean is allowed to be, from which on no other frame is asked."""
+
+
 class Fit:
     """An objective, made from the frames at the start.
 
@@ -70,6 +74,9 @@ class Fit:
         Inner point, [parameter].
     rules
         What is limited.
+    is_pushed
+        Whether limits push before they refuse, for methods that follow derivatives; a search that
+        only compares points needs no such slope, and would take noise within a limit for a loss.
 
     Attributes
     ----------
@@ -79,8 +86,16 @@ class Fit:
         What must not get worse.
     """
 
-    def __init__(self, evaluator: Evaluator, start: Array, rules: LimitRules = LIMIT_RULES) -> None:
+    def __init__(
+        self,
+        evaluator: Evaluator,
+        start: Array,
+        rules: LimitRules = LIMIT_RULES,
+        *,
+        is_pushed: bool = True,
+    ) -> None:
         self._evaluator = evaluator
+        self._is_pushed = is_pushed
         frames = self.frames(start)
         self.start_errors = [max(_mean_error(each), LEAST_ERROR) for each in frames]
         self.limits: list[Limit] = []
@@ -114,6 +129,8 @@ class Fit:
 
     def value(self, point: Array) -> float:
         """Return what is minimised, >= 0; infinity where a limit is broken."""
+        if self.is_hopeless(point):
+            return math.inf
         frames = self.frames(point)
         if self.broken_limits(frames):
             return math.inf
@@ -122,8 +139,23 @@ class Fit:
             for scene, scene_frames in enumerate(frames)
             for each in scene_frames
         )
+        if not self._is_pushed:
+            return float(squares)
         pushes = [each.push(each.mean(frames[each.scene])) for each in self.limits]
         return float(squares + sum(push**2 for push in pushes))
+
+    def is_hopeless(self, point: Array) -> bool:
+        """Whether a first frame alone costs more than any scatter of frames makes good.
+
+        What cones read scatters little from frame to frame, so that a point that reads too much is
+        known by one frame of one scene, and the others need not be rendered.
+        """
+        for limit in self.limits:
+            if limit.name in ("samples", "rays"):
+                frame = self._evaluator.values(limit.scene, 0, point)
+                if getattr(frame, limit.name) > HOPELESS_COST * (limit.start + limit.allowance):
+                    return True
+        return False
 
     def model(self, point: Array) -> LocalModel:
         """Return the same with derivatives."""

@@ -40,6 +40,9 @@ TANGENT_STEP = 1e-4
 """Step, inner units, by which it is found how a parameter moves the cones' numbers, in double
 precision."""
 
+REPEAT_DISTANCE = 1000
+"""From the seed of a frame to that of its repeat: more than there are frames."""
+
 VOXEL_BYTES = 96
 """Upper bound for a lit voxel in storage: six directions of four floats."""
 
@@ -73,15 +76,15 @@ class FrameSource:
             OrderedDict()
         )
 
-    def picture(self, view: View, number: int, config: RenderConfig) -> Picture:
-        """Render one frame of a view."""
+    def picture(self, view: View, number: int, config: RenderConfig, *, repeat: int = 0) -> Picture:
+        """Render one frame of a view; each repeat has random numbers of its own."""
         prepared, volume = self._lit(view, number, config)
         tally = FrameTally()
         frame = vctgi.render_frame(
             prepared,
             volume,
             config,
-            seed=self._frame_seed(number),
+            seed=self._frame_seed(number) + REPEAT_DISTANCE * repeat,
             tally=tally,
             parameters=_live(config),
         )

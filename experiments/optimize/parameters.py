@@ -92,6 +92,16 @@ def _diffuse(name: str) -> tuple[Read, Write]:
     return read, write
 
 
+def _read_contrast(config: RenderConfig) -> float:
+    held = config.reconstruction.max_contrast
+    # No limit is one that no light reaches, and lies outside of the bounds.
+    return math.inf if held is None else held
+
+
+def _write_contrast(config: RenderConfig, value: float) -> RenderConfig:
+    return replace(config, reconstruction=replace(config.reconstruction, max_contrast=value))
+
+
 def _single(
     name: str,
     place: tuple[Read, Write],
@@ -161,6 +171,19 @@ SINGLE = {
             (0.5, 8.0),
             "real rays: below, they end before the first sample; above, they are ray tracing",
         ),
+        _single(
+            "ring_jitter",
+            _diffuse("ring_jitter"),
+            (0.0, 1.0),
+            "a share: at 1 axes fill the hemisphere evenly",
+            1.0,
+        ),
+        _single(
+            "max_contrast",
+            (_read_contrast, _write_contrast),
+            (0.15, 1.5),
+            "below, the noise of the cones refines every ray; above, hardly any light deviates",
+        ),
     )
 }
 """Parameters of one number."""
@@ -185,6 +208,11 @@ def _write_sparsity(config: RenderConfig, value: float) -> RenderConfig:
     return replace(config, reconstruction=replace(config.reconstruction, sparsity=round(value)))
 
 
+def _write_traced_once(config: RenderConfig, value: float) -> RenderConfig:
+    is_once = bool(round(value))
+    return replace(config, reconstruction=replace(config.reconstruction, is_traced_once=is_once))
+
+
 CHOICES = {
     each.name: each
     for each in (
@@ -196,7 +224,7 @@ CHOICES = {
             read=lambda config: config.diffuse.cone_count,
             write=_write_cone_count,
             scale=1.0,
-            options=(4, 6, 9, 12, 16, 17, 24, 32, 48, 64),
+            options=(4, 6, 9, 12, 16, 17, 20, 24, 28, 32, 40, 48, 64),
         ),
         Parameter(
             name="sparsity",
@@ -208,6 +236,16 @@ CHOICES = {
             scale=1.0,
             options=(1, 4, 9, 16),
         ),
+        Parameter(
+            name="traced_once",
+            low=0,
+            high=1,
+            reason="no or yes: whether the further camera rays of a pixel trace none of their own",
+            read=lambda config: int(config.reconstruction.is_traced_once),
+            write=_write_traced_once,
+            scale=1.0,
+            options=(0, 1),
+        ),
     )
 }
-"""Discrete choices, which only Optuna makes."""
+"""Discrete choices, which have no derivatives."""

@@ -15,6 +15,7 @@ from experiments.errors import InputError
 from experiments.optimize.adam import AdamOptions, minimise_by_adam
 from experiments.optimize.discrete import minimise_by_trials
 from experiments.optimize.evaluation import FrameEvaluator, code_circumstances
+from experiments.optimize.evolution import minimise_by_evolution
 from experiments.optimize.find_parameters import find_parameters
 from experiments.optimize.findings import ViewFinding, compare_view
 from experiments.optimize.fit import LEAST_ERROR, Fit, LimitRules
@@ -27,11 +28,14 @@ from experiments.optimize.parameters import Parameter
 from experiments.optimize.views import View, ViewName, ViewOptions, make_view
 from vctgi.config import RenderConfig
 
-Method = Literal["gauss-newton", "adam", "optuna"]
+Method = Literal["gauss-newton", "adam", "evolution", "optuna"]
 """How the objective is made small."""
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of it that is done, in [0, 1]."""
+
+WITHOUT_DERIVATIVES: tuple[Method, ...] = ("evolution", "optuna")
+"""Methods that make discrete choices, and give no intervals."""
 
 MOST_GAUSS_NEWTON = 24
 """Most parameters of Gauss-Newton: each costs a pass over all frames at each step."""
@@ -151,13 +155,14 @@ def run_fit(options: FitOptions, variant: str, progress: Progress) -> FitResult:
 
     training = evaluator(views, 0)
     start = np.array([each.inner(each.read(base)) for each in parameters])
-    fit = Fit(training, start, options.limits)
+    is_pushed = options.method not in WITHOUT_DERIVATIVES
+    fit = Fit(training, start, options.limits, is_pushed=is_pushed)
     _require_errors(fit, views)
     minimum = _minimise(fit, parameters, start, options, shown)
     end, fitted = minimum.point, point_config(base, parameters, minimum.point)
     bounds = np.array([each.inner_bounds for each in parameters])
     uncertainty = None
-    if options.method != "optuna":
+    if options.method not in WITHOUT_DERIVATIVES:
         uncertainty = fit.uncertainty(end, bounds[:, 0], bounds[:, 1])
     frames = fit.frames(end)
     held_out = evaluator(unseen, options.frame_count)
@@ -210,11 +215,11 @@ def check_options(options: FitOptions) -> list[Parameter]:
     discrete = [each.name for each in parameters if each.options is not None]
     if not options.scenes:
         raise InputError(what="no scene is named", where="SCENE", remedy="name at least one")
-    if options.method != "optuna" and discrete:
+    if options.method not in WITHOUT_DERIVATIVES and discrete:
         raise InputError(
             what=f"'{discrete[0]}' is a discrete choice, which has no derivative",
             where="--parameters",
-            remedy="use --method optuna, or leave it out",
+            remedy="use --method evolution or optuna, or leave it out",
         )
     if options.method == "gauss-newton" and len(parameters) > MOST_GAUSS_NEWTON:
         raise InputError(
@@ -267,8 +272,9 @@ def _minimise(
     fit: Fit, parameters: list[Parameter], start: np.ndarray, options: FitOptions, shown: _Shown
 ) -> Minimum:
     low, high = np.array([each.inner_bounds for each in parameters]).T
-    if options.method == "optuna":
-        return minimise_by_trials(
+    if options.method in WITHOUT_DERIVATIVES:
+        search = minimise_by_trials if options.method == "optuna" else minimise_by_evolution
+        return search(
             fit, parameters, start, trials=options.iterations, seed=options.seed, tell=shown.point
         )
     if options.method == "adam":

@@ -62,6 +62,14 @@ class Target:
         """Return the part of it that depends on the picture, >= 0."""
         return float(np.mean(self.weights * (image - self.centre) ** 2))
 
+    def common_error(self, image: Array, other: Array) -> float:
+        """Return the error that two pictures share: independent noise of theirs has no part in it.
+
+        The same picture twice gives `error`.
+        """
+        product = (image - self.centre) * (other - self.centre)
+        return float(np.mean(self.weights * product)) + self.constant
+
     def pull(self, image: Array) -> Array:
         """Return the derivative of the error by each value of the picture, [y, x, rgb]."""
         found: Array = 2.0 / image.size * self.weights * (image - self.centre)

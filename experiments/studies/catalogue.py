@@ -83,6 +83,10 @@ STUDIES = {
         "experiments.studies.validation",
         "Do the metrics of artefacts find what is there, and nothing else?",
     ),
+    "fitted": StudyEntry(
+        "experiments.studies.fitted",
+        "What are fitted presets worth, and what bounds any fit?",
+    ),
     "derivatives": StudyEntry(
         "experiments.studies.derivatives",
         "Are the picture's derivatives those of differences, and what do they cost?",

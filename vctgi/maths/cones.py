@@ -140,6 +140,21 @@ def ring_sizes(cone_count: int) -> tuple[int, ...]:
     return (1, *(after - before for before, after in pairwise(taken)))
 
 
+def ring_rims(cone_count: int) -> list[tuple[float, float]]:
+    """Return the squared sines of the elevations between which each cone's ring lies.
+
+    Raises
+    ------
+    ValueError
+        The count is not offered.
+    """
+    rims, taken = [], 0
+    for ring in ring_sizes(cone_count):
+        rims += [(taken / cone_count, (taken + ring) / cone_count)] * ring
+        taken += ring
+    return rims
+
+
 def aperture_from_solid_angle(solid_angle: float) -> float:
     """Full apex angle (radians) of the cone that covers `solid_angle` (steradians)."""
     return 2.0 * math.acos(max(-1.0, 1.0 - solid_angle / (2.0 * math.pi)))

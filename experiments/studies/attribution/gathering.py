@@ -79,11 +79,13 @@ class Gatherer:
 
     def __post_init__(self) -> None:
         """Refuse cones whose solid angles are not known."""
-        known = self.cones.cone_set is None and self.cones.normal_offset_voxels == 0.0
-        if not known or self.cones.gain != 1.0:
+        cones = self.cones
+        known = cones.cone_set is None and cones.normal_offset_voxels == 0.0
+        if not known or cones.gain != 1.0 or cones.ring_jitter != 0.0:
             raise ValueError(
-                "Gatherer: only ring sets without gain and normal offset can be attributed; "
-                "leave cone_set, gain and normal_offset_voxels at their defaults."
+                "Gatherer: only ring sets without gain, normal offset and jitter can be "
+                "attributed; leave cone_set, gain, normal_offset_voxels and ring_jitter at their "
+                "defaults."
             )
 
     def __call__(self, gbuffer: GBuffer, seed: int) -> mi.Color3f:

@@ -121,3 +121,34 @@ def test_intervals_hold_the_mean_of_the_frames_places() -> None:
     # Two scenes of 12 frames, 0.05 of scatter each: a standard error of about 0.01.
     assert sure.half_widths == pytest.approx(np.full(2, 2.07 * 0.05 / np.sqrt(24.0)), rel=0.4)
     assert np.all(np.abs(found.point - PLACES[0]) < 2.0 * sure.half_widths)
+
+
+def test_what_costs_far_too_much_is_refused_after_one_frame() -> None:
+    scenes = Parabolas(PLACES, (1.0, 1.0))
+    fit = Fit(scenes, np.zeros(2))
+    scenes.asked = 0
+    # Half as many samples again.
+    assert fit.value(np.array([2.0, 0.0])) == np.inf
+    assert scenes.asked == 1
+    # A tenth more is beyond the limit too, but only the mean over frames says so.
+    scenes.asked = 0
+    assert fit.value(np.array([0.4, 0.0])) == np.inf
+    assert scenes.asked > len(PLACES) * scenes.frame_count
+
+
+def test_a_search_is_refused_but_not_pushed() -> None:
+    scenes = Parabolas(PLACES, (1.0, 1.0))
+    search = Fit(scenes, np.zeros(2), is_pushed=False)
+    # Leaking grows with the second number; its allowance is 2 % of 0.4.
+    slightly, far = np.array([0.0, 0.05]), np.array([0.0, 0.5])
+    frames = search.frames(slightly)
+    squares = np.mean(
+        [
+            each.squares / error
+            for rows, error in zip(frames, search.start_errors, strict=True)
+            for each in rows
+        ]
+    )
+    assert search.value(slightly) == pytest.approx(float(squares))
+    assert Fit(scenes, np.zeros(2)).value(slightly) > search.value(slightly)
+    assert search.value(far) == np.inf

@@ -66,12 +66,23 @@ def test_another_count_of_cones_forgets_what_was_set_cone_by_cone() -> None:
     assert count.outer(10.9) == 12
 
 
+def test_each_choice_is_written_and_read() -> None:
+    for choice in find_parameters(list(CHOICES), HIGH):
+        assert choice.options is not None
+        for option in choice.options:
+            assert choice.read(choice.write(HIGH, option)) == option
+            assert choice.outer(choice.inner(option)) == option
+    once = CHOICES["traced_once"].write(HIGH, 1)
+    assert once.reconstruction.is_traced_once
+
+
 @pytest.mark.parametrize(
     ("names", "preset_name", "words"),
     [
         (["brightness"], "high", "no parameter 'brightness'"),
         ([], "high", "no parameter is named"),
         (["near_field"], "medium", "'near_field' is 0"),
+        (["max_contrast"], "medium", "'max_contrast' is inf"),
         (["apertures"], "peer:compix", "have none"),
         (["cone_count", "weights"], "high", "other rings"),
     ],

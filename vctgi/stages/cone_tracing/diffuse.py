@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
-from vctgi.maths.cones import GOLDEN_TURN, ConeSet, ratio_from_aperture
+from vctgi.maths.cones import GOLDEN_TURN, ConeSet, ratio_from_aperture, ring_rims
 from vctgi.maths.constant_tables import float_table
 from vctgi.maths.directions import random_unit
 from vctgi.maths.stub_gaps import as_component
@@ -169,6 +169,8 @@ def diffuse_lanes(
         axis_local = parameters.local_axis(cone)
         ratio = mi.Float(2.0 * dr.tan(0.5 * parameters.lane_apertures(cone)))
 
+    if config.ring_jitter > 0.0:
+        axis_local = _within_rings(axis_local, cone, sample_index, config)
     normal = dr.gather(mi.Vector3f, gbuffer.normal, point)
     axis = _world_axes(axis_local, normal, sample_index, cones, config)
     apex = dr.gather(mi.Point3f, gbuffer.position, point)
@@ -181,6 +183,31 @@ def diffuse_lanes(
     if config.normal_offset_voxels > 0.0:
         apex = _above(volume, apex, normal, config.normal_offset_voxels)
     return DiffuseLanes(point, cone, apex, normal, axis, ratio, phase, active)
+
+
+def _within_rings(
+    axis_local: mi.Vector3f, cone: mi.UInt32, sample_index: mi.UInt32, config: DiffuseConesConfig
+) -> mi.Vector3f:
+    """Return axes moved at random towards the rims of their rings, evenly by the cosine.
+
+    At a jitter of 1 the axes of many samples fill the cosine-weighted hemisphere evenly, so what
+    few elevations see wrong is noise and no error of the mean.
+    """
+    rims = ring_rims(config.cone_count)
+    low, high = (dr.gather(mi.Float, float_table(each), cone) for each in zip(*rims, strict=True))
+    held = mi.Float(dr.square(axis_local.x) + dr.square(axis_local.y))
+    # The cones of a ring share it out among them, so that each point sees nearly all elevations.
+    turn = random_unit(sample_index, RING_STREAM) + GOLDEN_TURN * mi.Float(cone)
+    place = dr.lerp(low, high, turn - dr.floor(turn))
+    moved = dr.lerp(held, place, dr.opaque(mi.Float, config.ring_jitter))
+    # The pole has no azimuth: any will do, as all are turned with the pixel.
+    is_pole = held < LEAST_SQUARE
+    stretch = dr.sqrt(moved / dr.select(is_pole, 1.0, held))
+    return mi.Vector3f(
+        dr.select(is_pole, dr.sqrt(moved), axis_local.x * stretch),
+        dr.select(is_pole, 0.0, axis_local.y * stretch),
+        dr.safe_sqrt(1.0 - moved),
+    )
 
 
 def _world_axes(
@@ -228,5 +255,9 @@ def _cosine_shares(
     return dr.maximum(cosine, 0.0) / dr.gather(mi.Float, total, point)
 
 
-ROTATION_STREAM, PHASE_STREAM = 100, 200
-"""Hash streams of the cones' rotation and, from the second on, of each cone's phase."""
+ROTATION_STREAM, PHASE_STREAM, RING_STREAM = 100, 200, 600
+"""Hash streams of the cones' rotation, of each cone's phase from there on, and of their places in
+their rings."""
+
+LEAST_SQUARE = 1e-8
+"""Squared sine of an elevation below which an axis is the pole's."""

@@ -33,6 +33,10 @@ class DiffuseConesConfig:
     is_jittered: bool = True
     """Whether each cone takes a random share of its first step, so that no two sample the voxels
     at the same distances."""
+    ring_jitter: float = 0.0
+    """Share of the way to a random elevation within its ring by which each cone's axis is moved, in
+    [0, 1]: at 1 the axes of many samples fill the hemisphere evenly. Sets of other systems have no
+    rings."""
     near_field_voxels: float = 0.0
     """Length of the real ray that replaces the beginning of a cone, in voxels, >= 0; 0: none."""
     normal_offset_voxels: float = 0.0
@@ -97,6 +101,15 @@ class DiffuseConesConfig:
             )
 
     def _check_cones(self) -> None:
+        if not 0.0 <= self.ring_jitter <= 1.0:
+            raise ValueError(
+                f"DiffuseConesConfig.ring_jitter must be in [0, 1], got {self.ring_jitter}."
+            )
+        if self.ring_jitter > 0.0 and self.cone_set is not None:
+            raise ValueError(
+                f"DiffuseConesConfig.ring_jitter: the cones of '{self.cone_set}' stand in no "
+                "rings; leave it 0."
+            )
         for name, least, limit, includes_least in CONE_LIMITS:
             values = getattr(self, name)
             if values is None:

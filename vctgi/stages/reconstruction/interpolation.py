@@ -149,7 +149,8 @@ def interpolate(
     light, support, contrast = _weigh_neighbours(own, place, traced, widths)
     is_alone = support < config.min_support
     if config.max_contrast is not None:
-        is_alone |= contrast > config.max_contrast
+        # Opaque, so that all limits share one kernel.
+        is_alone |= contrast > dr.opaque(mi.Float, config.max_contrast)
     dr.eval(light)
     alone = mi.UInt32(dr.compress(own.is_usable & is_alone))
     return Interpolated(light, alone)
