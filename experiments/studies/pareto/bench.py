@@ -12,9 +12,9 @@ import mitsuba as mi
 import numpy as np
 
 import reference
+from experiments.clocks import Clocks, Job, NeverWarmError, time_jobs
 from experiments.scenes import LoadedScene, load_scene
 from experiments.studies.check import RefusedError, StudyContext
-from experiments.studies.pareto.clocks import Clocks, Job, NeverWarmError, time_jobs
 from experiments.studies.pareto.cone_frames import (
     CAMERA,
     LIGHTS,

@@ -1,0 +1,1 @@
+"""How fast frames are: times by stage, floors, and counts that no machine changes."""
