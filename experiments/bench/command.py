@@ -41,7 +41,11 @@ def bench(  # noqa: PLR0913 - the options of a command
         ),
     ] = None,
     frames: Annotated[
-        int, Parameter(help="Frames of each kind that are timed; 300 for figures that are kept.")
+        int,
+        Parameter(
+            help="Frames of each kind that are timed; 300 for figures that are kept, 0 for counts "
+            "alone."
+        ),
     ] = DEFAULT_FRAMES,
     seconds: Annotated[
         float, Parameter(help="Frames of a kind end after so long, however many there were.")
@@ -90,9 +94,9 @@ def bench(  # noqa: PLR0913 - the options of a command
         frames=frames,
         seconds=seconds,
     )
-    if frames < 1:
+    if frames < 0:
         raise InputError(
-            what=f"--frames is {frames}", where="the command line", remedy="give at least 1"
+            what=f"--frames is {frames}", where="the command line", remedy="give at least 0"
         )
     earlier = None if baseline is None else _baseline(baseline)
     from experiments.session import find_preset, start_mitsuba, writable_file, writable_folder

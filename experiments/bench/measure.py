@@ -48,6 +48,10 @@ WALL_FRAMES: Final = 8
 """Frames at most that nothing watches, for the wall time."""
 
 Progress = Callable[[str, float], None]
+"""Told what is being done, and the share of it that is done."""
+
+Watched = Callable[[int], tuple[dict[str, Work], WalkedFrame]]
+"""Renders a frame by number, and returns what it launched."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +61,8 @@ class BenchOptions:
     Attributes
     ----------
     frames
-        Of each walk, after those that warm up, >= 1.
+        Of each walk, after those that warm up; 0: only counts matter, and one frame of each is
+        rendered, which may have compiled.
     seconds
         After which a walk ends early, if it has a frame.
     resolution, level_count
@@ -154,16 +159,13 @@ def _bench_walk(
             found = walk.frame(number, clock)
         return work, found
 
-    _warm_up(watched)
+    if options.frames > 0:
+        _warm_up(watched)
     counted, made = _counted(walk, watched)
-    walls = _wall_times(walk, options.seconds)
-    works: list[dict[str, Work]] = []
-    start = time.perf_counter()
-    for number in range(options.frames):
-        works.append(watched(number)[0])
-        progress((number + 1) / options.frames)
-        if time.perf_counter() - start > options.seconds:
-            break
+    walls, works = [0.0], [counted]
+    if options.frames > 0:
+        walls = _wall_times(walk, options.seconds)
+        works = _timed(watched, options, progress)
     walk.put_back()
     sizes = _sizes(walk, made)
     least = least_bytes(walk.kind, sizes, walk.config)
@@ -206,7 +208,7 @@ def _bench_walk(
     )
 
 
-def _warm_up(watched: Callable[[int], tuple[dict[str, Work], WalkedFrame]]) -> None:
+def _warm_up(watched: Watched) -> None:
     """Render until some frames in a row compile nothing, or so many that it is given up."""
     warm = 0
     for number in range(MOST_FRAMES):
@@ -216,9 +218,23 @@ def _warm_up(watched: Callable[[int], tuple[dict[str, Work], WalkedFrame]]) -> N
             return
 
 
-def _counted(
-    walk: Walk, watched: Callable[[int], tuple[dict[str, Work], WalkedFrame]]
-) -> tuple[dict[str, Work], WalkedFrame]:
+def _timed(
+    watched: Watched,
+    options: BenchOptions,
+    progress: Callable[[float], None],
+) -> list[dict[str, Work]]:
+    """Return the work of a walk's frames, of fewer where time runs out."""
+    works: list[dict[str, Work]] = []
+    start = time.perf_counter()
+    for number in range(options.frames):
+        works.append(watched(number)[0])
+        progress((number + 1) / options.frames)
+        if time.perf_counter() - start > options.seconds:
+            break
+    return works
+
+
+def _counted(walk: Walk, watched: Watched) -> tuple[dict[str, Work], WalkedFrame]:
     """Return work and frame of `COUNTED_FRAME`, reached from the first one in one step."""
     walk.frame(0)
     return watched(COUNTED_FRAME)
