@@ -71,6 +71,10 @@ STUDIES = {
         "experiments.studies.growth",
         "How do time, counts and memory grow with pixels, cones, voxels, triangles and lights?",
     ),
+    "speed": StudyEntry(
+        "experiments.studies.speed",
+        "Are cones faster than paths that are as exact, and do they read at full rate?",
+    ),
     "stability": StudyEntry(
         "experiments.studies.stability",
         "Do stiff and extreme scenes and settings still give sound light?",
