@@ -83,7 +83,7 @@ def measure_rates(volume: VoxelVolume) -> Rates:
 def _read_rate(volume: VoxelVolume, *, is_random: bool) -> float:
     """Texels a second that a loop reads which does nothing else."""
     lanes = RATE_LANES[dr.backend_v(mi.Float)]
-    fetch = _bare_fetch(volume.texels)
+    fetch = bare_fetch(volume.texels)
 
     def read(turn: int) -> None:
         start = dr.opaque(mi.UInt32, turn)
@@ -110,7 +110,7 @@ ROW = 64
 """Texels from one read of a lane to its next, where neighbouring lanes read neighbouring ones."""
 
 
-def _bare_fetch(texels: VoxelTexels) -> Callable[[mi.UInt32], mi.Vector4f]:
+def bare_fetch(texels: VoxelTexels) -> Callable[[mi.UInt32], mi.Vector4f]:
     """Return what reads a texel by any number, with no more work than it takes.
 
     Numbers are masked, not divided, so that they reach as many texels as the largest power of two

@@ -12,15 +12,20 @@ import vctgi
 from experiments.bench.floors import floor_ms
 from experiments.bench.kernels import APPLICATION, COMPOSITE, INJECTION, TRACING, KernelClock
 from experiments.bench.measure import BenchOptions, bench_config
-from experiments.bench.reads import counting
+from experiments.bench.reads import bare_fetch, counting
 from experiments.bench.walks import CAMERA, LIGHTS, STILL, TURN_FRAMES, Walk
 from experiments.scenes import load_scene
 from reports.bench_record import Rates
+from vctgi.clipmap.texture import build_texture
+from vctgi.clipmap.unpacking import unpack_level
 
 pytestmark = pytest.mark.usefixtures("variant")
 
 TAPS_PER_SAMPLE = 48
 """Two levels, three axes, two layers, four texels."""
+
+SMALL_SHARE = 1e-3
+"""Of the largest texel: places in a texture are rounded to single precision."""
 
 SMALL = BenchOptions(frames=1, resolution=16, level_count=2)
 
@@ -40,6 +45,23 @@ def test_reads_are_those_of_the_samples() -> None:
         tally = still.count(volume, clock)
     assert tally.gathering.sample_count > 0
     assert work[TRACING].reads == TAPS_PER_SAMPLE * tally.gathering.sample_count
+
+
+def test_a_bare_fetch_reads_every_texel_of_a_power_of_two() -> None:
+    volume = walk(STILL).volume
+    levels = list(volume.layout.levels)
+    texture = build_texture(
+        levels, [False] * len(levels), lambda level: unpack_level(volume, level), 6, use_accel=False
+    )
+    for texels, words in (
+        (volume.texels, volume.texels.words),  # type: ignore[attr-defined]
+        (texture, mi.Float(texture.texture.tensor().array)),
+    ):
+        place = dr.arange(mi.UInt32, 4096)
+        found = bare_fetch(texels)(place)
+        held = dr.gather(mi.Vector4f, words, place)
+        assert dr.max(held, axis=None) > 0.0
+        assert dr.max(dr.abs(found - held), axis=None) < SMALL_SHARE * dr.max(held, axis=None)
 
 
 def test_counting_changes_nothing() -> None:
