@@ -5,7 +5,8 @@ The baseline is made by
     vctgi bench cornell_box --preset high --resolution 32x24 --voxels 16 --levels 2 --frames 0 \
         --variant llvm_ad_rgb --json tests/performance/cornell_box.llvm_ad_rgb.json
 
-that of glossy_floor alike; they are made anew, with a reason in the commit, where more work buys something.
+that of glossy_floor alike; they are made anew, with a reason in the commit, where more work buys
+something.
 """
 
 from __future__ import annotations
