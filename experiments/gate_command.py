@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import cast
 
 import metrics
+import vctgi
 from experiments.errors import InputError
 from experiments.gate import GateSpec, StudyGate, load_gates, pinned_display, run_gate
 from experiments.machine import BackendName, describe_machine
@@ -74,6 +75,7 @@ def gate_scenes(
             display = metrics.DisplaySettings(**pinned.model_dump()) if pinned else None
             run_options = RunOptions(
                 preset=gate.preset,
+                config=config_of(gate),
                 reference_spp=gate.reference_spp,
                 is_counted=gate.memory is not None,
                 cache_directory=cache,
@@ -97,6 +99,14 @@ def gate_scenes(
         verdict = {0: "passed", 1: "FAILED"}.get(code, "could not be judged")
         progress.say(f"{len(gates.gates) + len(gates.studies)} gates: {verdict}")
     return code
+
+
+def config_of(gate: GateSpec) -> vctgi.RenderConfig:
+    """Return the preset's configuration, with the camera rays that the gate asks for."""
+    config = vctgi.preset(gate.preset)
+    if gate.samples_per_pixel is None:
+        return config
+    return replace(config, samples_per_pixel=gate.samples_per_pixel)
 
 
 def scene_of(gate: GateSpec, gates_file: Path) -> str:

@@ -32,6 +32,8 @@ from metrics.finite import require_finite as require_finite
 from metrics.flicker import Motion as Motion
 from metrics.flicker import flicker_rms as flicker_rms
 from metrics.flicker import motion_of as motion_of
+from metrics.flicker_parts import flicker_noise as flicker_noise
+from metrics.flicker_parts import flicker_structure as flicker_structure
 from metrics.leaking import LeakAudit as LeakAudit
 from metrics.leaking import audit_shares as audit_shares
 from metrics.leaking import one_sided_excess as one_sided_excess

@@ -7,7 +7,7 @@ takes most noise out of differences between them; only the batches have to be in
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import copysign, sqrt
 
 import numpy as np
@@ -133,11 +133,26 @@ def rooted_energy(
     ValueError
         For fewer than 3 batches, which leave no pair when one is left out.
     """
-    scale = _Means(light)
     whole, without_one = energies_of_pairs(lambda batch: np.array([energy(batch)]), batches)
+    return root_of_energies(float(whole[0]), [float(each[0]) for each in without_one], light, level)
+
+
+def root_of_energies(
+    whole: float, without_one: Sequence[float], light: ArrayLike, level: float = 0.95
+) -> Estimate:
+    """Root of a mean square over the mean light, from the same without each batch.
+
+    Parameters
+    ----------
+    whole, without_one
+        The mean square, and what it is without each of the batches.
+    light, level
+        As `rooted_energy` takes them.
+    """
+    scale = _Means(light)
     found = estimate_from_leave_one_out(
-        float(whole[0]) / scale.whole**2,
-        np.array([each[0] / scale.without(k) ** 2 for k, each in enumerate(without_one)]),
+        whole / scale.whole**2,
+        np.array([each / scale.without(k) ** 2 for k, each in enumerate(without_one)]),
         level,
     )
     return Estimate(

@@ -44,7 +44,12 @@ class Motion:
     is_followed: NDArray[np.bool_]
 
 
-def motion_of(places: ArrayLike, positions: ArrayLike, normals: ArrayLike) -> Motion:
+def motion_of(
+    places: ArrayLike,
+    positions: ArrayLike,
+    normals: ArrayLike,
+    surfaces: ArrayLike | None = None,
+) -> Motion:
     """Say which pixels can be followed.
 
     Parameters
@@ -53,6 +58,9 @@ def motion_of(places: ArrayLike, positions: ArrayLike, normals: ArrayLike) -> Mo
         As in `Motion`, from the camera before and the points of the surfaces.
     positions, normals
         ``(K, H, W, 3)`` points and unit normals of the surfaces; a zero normal for none.
+    surfaces
+        ``(K, H, W)`` number of the surface that all of a pixel shows, below 0 where it shows
+        several; None: one plane is one surface, although a lamp just below a ceiling is none of it.
 
     Raises
     ------
@@ -75,9 +83,16 @@ def motion_of(places: ArrayLike, positions: ArrayLike, normals: ArrayLike) -> Mo
     for values, name in ((where, "places"), (points, "positions"), (facing, "normals")):
         require_finite(values, name)
     alone = np.stack([_is_inner(*each) for each in zip(points, facing, strict=True)])
+    known = np.zeros(shape, np.int64) if surfaces is None else np.asarray(surfaces)
+    if known.shape != shape or not np.issubdtype(known.dtype, np.integer):
+        raise ValueError(
+            f"surfaces must be {shape} whole numbers, got {known.shape} of {known.dtype}."
+        )
+    alone &= np.stack([_is_among_its_own(each) for each in known])
     followed = np.stack(
         [
             _is_same_surface(where[k], points[k : k + 2], facing[k : k + 2], alone[k : k + 2])
+            & _is_same_number(where[k], known[k], known[k + 1])
             for k in range(len(where))
         ]
     )
@@ -225,6 +240,22 @@ def _is_inner(positions: NDArray[np.float64], normals: NDArray[np.float64]) -> N
     )
     tiles = [np.s_[y : y + height, x : x + width] for y in range(3) for x in range(3)]
     return _is_on_plane(positions, normals, [(points[tile], facing[tile]) for tile in tiles])
+
+
+def _is_among_its_own(surfaces: NDArray[np.int_]) -> NDArray[np.bool_]:
+    """Whether a pixel and its eight neighbours show nothing but one surface ``(H, W)``."""
+    height, width = surfaces.shape
+    padded = np.pad(surfaces, 1, mode="edge")
+    near = [padded[y : y + height, x : x + width] for y in range(3) for x in range(3)]
+    return np.asarray((surfaces >= 0) & np.all([each == surfaces for each in near], axis=0))
+
+
+def _is_same_number(
+    places: NDArray[np.float64], old: NDArray[np.int_], new: NDArray[np.int_]
+) -> NDArray[np.bool_]:
+    """Whether the old pixels around each place show the surface of the new one ``(H, W)``."""
+    around = _around(places, *new.shape)
+    return np.asarray(np.all([old[row, column] == new for row, column, _ in around], axis=0))
 
 
 def _is_on_plane(

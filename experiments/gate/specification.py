@@ -163,6 +163,10 @@ class GateSpec(Settings):
     width: int = Field(ge=1)
     height: int = Field(ge=1)
     reference_spp: int = Field(ge=1)
+    samples_per_pixel: int | None = Field(default=None, ge=1)
+    """Camera rays a pixel of the cones' picture; None for the preset's. Intervals hold the noise of
+    the reference alone, so a tolerance near the scatter of the cones' own random numbers needs
+    more rays than the preset has."""
     smallest_difference: float | None = Field(default=None, gt=0.0)
     """Smallest relMSE between picture and reference that the gate must be able to see; None for the
     one that the record finds. The reference's noise must lie ten times below it."""

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from experiments.studies.figures import FigureShelf, Point
+from reference import NoisyReferenceError
 
 Shared = TypeVar("Shared")
 
@@ -60,10 +61,22 @@ class StudyContext:
     _found: dict[str, object] = field(default_factory=dict)
 
     def once(self, key: str, measure: Callable[[], Shared]) -> Shared:
-        """Return what `measure` gives, measured once for all checks that ask by the same key."""
+        """Return what `measure` gives, measured once for all checks that ask by the same key.
+
+        Raises
+        ------
+        RefusedError, NoisyReferenceError
+            `measure` raised it, at this call or an earlier one: refusals are kept, too.
+        """
         if key not in self._found:
-            self._found[key] = measure()
-        return cast("Shared", self._found[key])
+            try:
+                self._found[key] = measure()
+            except (RefusedError, NoisyReferenceError) as refusal:
+                self._found[key] = refusal
+        found = self._found[key]
+        if isinstance(found, RefusedError | NoisyReferenceError):
+            raise found
+        return cast("Shared", found)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -64,6 +64,11 @@ def pair(*shape: int) -> Callable[[], Arrays]:
     return lambda: {"test": positive(*shape), "batches": positive(BATCHES, *shape, seed=2)}
 
 
+def renderings(count: int) -> Arrays:
+    shape = (3, EDGE, EDGE, 3)
+    return {"test": positive(count, *shape), "batches": positive(BATCHES, *shape, seed=2)}
+
+
 def image_metric(call: Callable[..., object], **options: object) -> Callable[[Arrays], object]:
     return lambda arrays: call(arrays["test"], arrays["batches"], **options)
 
@@ -152,6 +157,14 @@ OVER_TIME: dict[str, Subject] = {
     "flicker_rms": Subject(
         pair(3, EDGE, EDGE, 3), image_metric(metrics.flicker_rms, motion=MOTION), one_pixel="error"
     ),
+    "flicker_structure": Subject(
+        lambda: renderings(4),
+        image_metric(metrics.flicker_structure, motion=MOTION),
+        one_pixel="error",
+    ),
+    "flicker_noise": Subject(
+        lambda: renderings(4), image_metric(metrics.flicker_noise, motion=MOTION), one_pixel="error"
+    ),
     "recentring_difference": Subject(
         lambda: {"batches": positive(4, 1, 3), "test": positive(4, 1, 3, seed=2)},
         lambda arrays: metrics.recentring_difference(arrays["batches"], arrays["test"]),
@@ -221,6 +234,9 @@ COLOURED = [(name, array) for name, array in ARRAYS if SUBJECTS[name].has_colour
 SHAPED = [(name, array) for name, array in ARRAYS if name != "sealed_room_ratio"]
 """But for rooms, which are lists of pixels of any shape."""
 
+RENDERED_OFTEN = ("flicker_structure", "flicker_noise")
+"""What is tested has batches of its own, of which there may be any number."""
+
 WITHOUT_BATCHES = (
     "recentring_difference",
     "sealed_room_ratio",
@@ -280,7 +296,7 @@ def test_empty_and_cut_arrays_are_refused(name: str, array: str, axis: int) -> N
     assert outcome_of(SUBJECTS[name], arrays | {array: empty}) == "error"
     # An image that stands alone, a room and a list of powers may have any size.
     is_alone = len(arrays) == 1 or name == "sealed_room_ratio"
-    is_batch = array == "batches" and axis == 0
+    is_batch = axis == 0 and (array == "batches" or name in RENDERED_OFTEN)
     if not (is_alone or is_batch):
         cut = np.take(arrays[array], range(1, arrays[array].shape[axis]), axis=axis)
         assert outcome_of(SUBJECTS[name], arrays | {array: cut}) == "error"
@@ -366,7 +382,7 @@ def _one_pixel(values: Array, name: str, array: str) -> Array:
     """Leave one pixel or receiver; frames, batches and phases stay as many."""
     if array == "offsets":
         return values
-    if name in OVER_TIME and name not in ("flicker", "flicker_rms", "recentring_difference"):
+    if name in OVER_TIME and not name.startswith(("flicker", "recentring_difference")):
         return values[..., :1, :]
     if name in ("share_of_choices", "sealed_room_ratio"):
         return values[..., :1]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from experiments.studies.aliasing import truth
+from experiments.studies.aliasing import truth, turned_cube
 from experiments.studies.aliasing.figures import DEFINITIONS as DEFINITIONS
 from experiments.studies.aliasing.moved_rooms import (
     FINEST_VOXEL,
@@ -93,7 +93,7 @@ def checks() -> list[Check]:
                     for name in MEASURES
                     if not (mover == "camera" and name in NOT_OF_CAMERAS)
                 ]
-    return [*found, *_recentring_checks(), *truth.checks()]
+    return [*found, *_recentring_checks(), *truth.checks(), *turned_cube.checks()]
 
 
 def _check(name: str, mover: str, level: int, how: str) -> Check:

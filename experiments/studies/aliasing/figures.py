@@ -13,6 +13,7 @@ from metrics.aliasing import (
     POP_FORMULA,
     POWER_RIPPLE_FORMULA,
 )
+from metrics.energy import energy_ratio
 from metrics.luminance import luminance
 from metrics.voxel_period import PERIOD_RMS_FORMULA, PERIOD_SHARE_FORMULA
 from reports.study_figures import Bounded, CurveFigure, Definition, Series
@@ -52,6 +53,12 @@ DEFINITIONS = (
         source="metrics/voxel_period.py, voxel_period_share",
     ),
     Definition(
+        name="lit cube, energy and ledger",
+        formula="mean light of all receivers over path-traced light; in the ledger, with some "
+        "causes replaced by what is exact",
+        source="experiments/studies/aliasing/turned_cube.py; intervals over places in the lattice",
+    ),
+    Definition(
         name="moved by whole voxels, largest difference (I5)",
         formula="largest |after - before| / mean before, of scene, viewer and windows together",
         source=f"{METRICS}, recentring_difference",
@@ -78,14 +85,16 @@ def add_sweep_figures(
     """
     truth = batches.mean(axis=0)
     errors = {
-        how: found.mean(axis=(1, 2)) / truth.mean(axis=(1, 2)) for how, found in light.items()
+        how: [_ratio(frame, batches[:, number]) for number, frame in enumerate(found)]
+        for how, found in light.items()
     }
+    exact = {how: [Bounded(value=float(each)) for each in line] for how, line in powers.items()}
     curves = {
-        "Power in the voxels": ("power over what should be there", powers, "The truth is 1 (I1)."),
+        "Power in the voxels": ("power over what should be there", exact, "The truth is 1 (I1)."),
         "Light of the receivers": (
             "light over path-traced light",
             errors,
-            "Mean over all receivers; a smooth method is a flat line.",
+            "Mean over all receivers, with 95 % intervals; a smooth method is a flat line.",
         ),
     }
     for title, (label, lines, caption) in curves.items():
@@ -100,7 +109,7 @@ def add_sweep_figures(
                     Series(
                         name=how,
                         x=[float(place) for place in places],
-                        values=[Bounded(value=float(each)) for each in line],
+                        values=line,
                     )
                     for how, line in lines.items()
                 ],
@@ -125,3 +134,9 @@ def add_sweep_figures(
             unit="of the mean light",
             caption="A column for each receiver, a row for each step (I2); a pop is a spot (I3).",
         )
+
+
+def _ratio(frame: np.ndarray, batches: np.ndarray) -> Bounded:
+    """Return light [point, rgb] over that of a reference [batch, point, rgb]."""
+    found = energy_ratio(frame[:, None], batches[:, :, None])
+    return Bounded(value=found.value, low=found.low, high=found.high)

@@ -39,7 +39,7 @@ EFFORT = (
     Effort(batch_count=8, marched_rays=1, traced_rays=32, sparse_repeats=8),
 )
 
-PATH_COUNT = 2048
+PATH_COUNT = 4096
 """Paths a pixel of the reference over all batches."""
 
 CHOSEN = "chosen scene"

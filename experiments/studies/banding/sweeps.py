@@ -53,6 +53,7 @@ WAYS = {"off": "no noise, no filter", "noise": "noise", "on": "noise and filter"
 
 GROUP = "Glossy floor, by step and roughness"
 NAMES = {"B1": "All that moves with the phase (B1)", "B2": "Bands alone (B2)"}
+LABELS = {"B1": "B1, RMS over the mean light", "B2": "B2, power over the mean light squared"}
 
 LEAST_GAIN = 4.0
 """By how much noise and filter together must lower bands."""
@@ -117,9 +118,9 @@ def _points(name: str, alpha: float, step: float, treatment: str) -> tuple[Point
     over_step = Curve(
         group=GROUP,
         title=f"{NAMES[name]} by the length of a step, alpha {alpha:g}",
-        caption="Mean light is 1; intervals are over tiles of the picture.",
+        caption="0 is a picture without bands; intervals are over tiles of the picture.",
         x_label="step of the march, voxels of the level read",
-        y_label=name,
+        y_label=LABELS[name],
         is_x_log=True,
         is_y_log=True,
     )

@@ -1,6 +1,7 @@
 """Study "flicker": whether the light of surfaces holds still while the eye moves.
 
-See `metrics/flicker.py` for the measures: change along exact motion vectors beyond the truth's.
+See `metrics/flicker.py` for the measures: change along exact motion vectors beyond the truth's; and
+`metrics/flicker_parts.py` for the parts of it that another seed changes, and that none does.
 """
 
 from __future__ import annotations
@@ -14,9 +15,11 @@ import numpy as np
 
 from experiments.scenes import scene_file_name
 from experiments.studies.check import Check, Measured, StudyContext
-from experiments.studies.figures import Curve, Point
+from experiments.studies.figures import Point
 from experiments.studies.flicker.definitions import DEFINITIONS as DEFINITIONS
 from experiments.studies.flicker.maps import add_flicker_maps
+from experiments.studies.flicker.names import OVER_SPARSITY, SCENE, configuration, name_of
+from experiments.studies.flicker.parts import part_checks
 from experiments.studies.flicker.sequences import PATHS, SPARSITIES, Sequence, sequence, truth_of
 from experiments.studies.noise import require_told_apart
 from metrics.energy import energy_ratio
@@ -40,20 +43,8 @@ MEASURES: dict[str, Measure] = {
 }
 """What is measured of each sequence."""
 
-OVER_SPARSITY = Curve(
-    group="Change from frame to frame",
-    title="Flicker by the number of camera rays for each that traces cones",
-    caption="RMS change beyond the truth's along exact motion vectors, over the mean light.",
-    x_label="camera rays for each that traces cones",
-    y_label="RMS flicker",
-    is_x_log=True,
-)
-
 ROUNDING = 1e-3
 """Relative, of a change in single precision."""
-
-SCENE = "built-in cornell_box, or --scene; diffuse light, 4 rays a pixel, 0.44 pixels a frame"
-
 
 WAYS = {False: "single frames", True: "accumulated"}
 
@@ -62,8 +53,7 @@ def checks() -> list[Check]:
     """Return the checks of flicker."""
     found = []
     for sparsity in SPARSITIES:
-        name = "dense" if sparsity == 1 else f"every {sparsity}th ray"
-        base = f'preset "high" with N = 64, sparsity {sparsity}'
+        name, base = name_of(sparsity), configuration(sparsity)
         for has_history in (False, True):
             way = f"{name}, accumulated" if has_history else name
             found += [
@@ -99,7 +89,7 @@ def checks() -> list[Check]:
                 limit_low=1.0 - ROUNDING,
             )
         )
-    return found
+    return [*found, *part_checks()]
 
 
 def _measure(context: StudyContext, name: str, which: tuple[int, bool]) -> Measured:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from metrics.flicker import FLICKER_FORMULA, FLICKER_RMS_FORMULA
+from metrics.flicker_parts import NOISE_FORMULA, STRUCTURE_FORMULA
 from reports.study_figures import Definition
 
 DEFINITIONS = (
@@ -15,6 +16,21 @@ DEFINITIONS = (
         name="RMS change beyond the truth's",
         formula=FLICKER_RMS_FORMULA,
         source="metrics/flicker.py, flicker_rms; the noise of the reference is taken out",
+    ),
+    Definition(
+        name="noise, RMS",
+        formula=NOISE_FORMULA,
+        source="metrics/flicker_parts.py, flicker_noise; intervals over seeds",
+    ),
+    Definition(
+        name="structure, RMS",
+        formula=STRUCTURE_FORMULA,
+        source="metrics/flicker_parts.py, flicker_structure; intervals over seeds and batches",
+    ),
+    Definition(
+        name="RMS change beyond dense pixels'",
+        formula="sqrt(mean (dV - dD)^2) / mean D, D: dense pixels, both of cones never turned",
+        source="experiments/studies/flicker/parts.py; neither noise nor reference",
     ),
     Definition(
         name="energy",

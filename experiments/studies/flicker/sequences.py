@@ -1,12 +1,13 @@
 """A slow slide of the camera: frames of each sparsity, with and without history, and the truth.
 
 The voxels stay as they are; what flickers is cones that are turned anew in each frame, and pixels
-that take their light from others.
+that take their light from others. Single frames are rendered with several seeds, which tells the
+two apart, and once more with cones that are never turned, which leaves the second alone.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import drjit as dr
@@ -18,8 +19,10 @@ import vctgi
 from experiments.scenes import load_scene
 from experiments.studies.accuracy.sparse import sparse_config
 from experiments.studies.check import StudyContext
+from experiments.studies.flicker.surfaces import surfaces_shown
 from metrics.flicker import Motion, motion_of
-from vctgi.pipeline import TemporalFrame
+from vctgi.clipmap.storage import VoxelVolume
+from vctgi.pipeline import PreparedScene, TemporalFrame
 from vctgi.stages.reconstruction.temporal import Projection, place_of, project
 
 SPARSITIES = (1, 4, 9, 16)
@@ -32,6 +35,15 @@ whole study and in the quick one."""
 
 STEP_PX = (0.37, 0.23)
 """Slide along and across the picture from frame to frame, in pixels at the middle distance."""
+
+RENDERINGS = (8, 4)
+"""Seeds of the single frames, in the whole study and in the quick one."""
+
+SEED_STEP = 1000
+"""Between the seeds of renderings, whose frames take the next ones."""
+
+LIMITED = 9
+"""Sparsity at which frames are also made without a limit on the contrast of neighbours."""
 
 PATHS, BATCHES = 8192, 8
 """Paths a pixel of the reference, and its batches: its noise is most of an interval."""
@@ -47,15 +59,27 @@ class Sequence:
         By sparsity and whether history was used: indirect diffuse light [frame, row, column, rgb].
     forgotten
         By sparsity: the same with history, which is thrown away before each frame.
+    renderings
+        By sparsity: single frames [seed, frame, row, column, rgb].
+    unlimited
+        Single frames of sparsity `LIMITED` without a limit on contrast.
+    fixed
+        By sparsity and whether contrast has its limit: single frames without random numbers.
     motion
         Where each pixel's surface was.
+    motion_by_plane
+        The same where a surface is whatever lies on one plane, so that edges are let in.
     stride
         World units that a pixel is wide at the middle distance.
     """
 
     frames: dict[tuple[int, bool], np.ndarray]
     forgotten: dict[int, np.ndarray]
+    renderings: dict[int, np.ndarray]
+    unlimited: np.ndarray
+    fixed: dict[tuple[int, bool], np.ndarray]
     motion: Motion
+    motion_by_plane: Motion
     stride: float
 
 
@@ -77,7 +101,8 @@ def _render(context: StudyContext) -> Sequence:
 
     frames: dict[tuple[int, bool], list[np.ndarray]] = {}
     forgotten: dict[int, list[np.ndarray]] = {}
-    places, positions, normals = [], [], []
+    more: dict[tuple[str, int, bool], list[list[np.ndarray]]] = {}
+    places, positions, normals, surfaces = [], [], [], []
     histories: dict[int, TemporalFrame | None] = dict.fromkeys(SPARSITIES)
     before: Projection | None = None
     count = WARM_UP[quick] + MEASURED[quick]
@@ -102,18 +127,65 @@ def _render(context: StudyContext) -> Sequence:
                 )
         if not is_measured:
             continue
+        for key, found in _more_frames(prepared, volume, number, RENDERINGS[quick]).items():
+            more.setdefault(key, []).append(found)
         # All sparsities send the same camera rays.
         positions.append(np.array(frame.position, dtype=np.float64))
         normals.append(np.array(frame.surface_normal, dtype=np.float64))
+        surfaces.append(surfaces_shown(loaded.scene, sensor))
         if before is not None:
             places.append(places_before(before, positions[-1]))
         before = project(sensor)
+    single = {key: np.stack(each) for key, each in frames.items()}
+    extra = {key: np.stack(each, axis=1) for key, each in more.items()}
+    seen = np.stack(places), np.stack(positions), np.stack(normals)
     return Sequence(
-        frames={key: np.stack(each) for key, each in frames.items()},
+        frames=single,
         forgotten={key: np.stack(each) for key, each in forgotten.items()},
-        motion=motion_of(np.stack(places), np.stack(positions), np.stack(normals)),
+        renderings={
+            each: np.concatenate([single[each, False][None], extra["pixel", each, True]])
+            for each in SPARSITIES
+        },
+        unlimited=extra["pixel", LIMITED, False][0],
+        fixed={key[1:]: each[0] for key, each in extra.items() if key[0] == "fixed"},
+        motion=motion_of(*seen, np.stack(surfaces)),
+        motion_by_plane=motion_of(*seen),
         stride=stride,
     )
+
+
+def _more_frames(
+    prepared: PreparedScene, volume: VoxelVolume, number: int, seed_count: int
+) -> dict[tuple[str, int, bool], list[np.ndarray]]:
+    """Return single frames by rotation of the cones, sparsity and whether contrast has its limit.
+
+    Those with random numbers take the seeds after the first one; without a limit, the first.
+    """
+    found = {}
+    ways = [(each, True) for each in SPARSITIES] + [(LIMITED, False)]
+    for sparsity, has_limit in ways:
+        config = sparse_config(sparsity)
+        if not has_limit:
+            sparse = replace(config.reconstruction, max_contrast=None)
+            config = replace(config, reconstruction=sparse)
+        cones = replace(config.diffuse, rotation="fixed", is_jittered=False)
+        still = replace(config, diffuse=cones)
+        found["fixed", sparsity, has_limit] = [_diffuse(prepared, volume, still, number)]
+        seeds = range(1, seed_count) if has_limit else range(1)
+        found["pixel", sparsity, has_limit] = [
+            _diffuse(prepared, volume, config, number + SEED_STEP * each) for each in seeds
+        ]
+    return found
+
+
+def _diffuse(
+    prepared: PreparedScene,
+    volume: VoxelVolume,
+    config: vctgi.RenderConfig,
+    seed: int,
+) -> np.ndarray:
+    frame = vctgi.render_frame(prepared, volume, config, seed=seed)
+    return np.array(frame.indirect_diffuse, dtype=np.float64)
 
 
 def truth_of(context: StudyContext) -> np.ndarray:

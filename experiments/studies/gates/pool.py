@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, cast
 
@@ -32,6 +32,9 @@ BATCHES = (8, 10)
 FRAMES = (24, 12)
 """Edge of the picture, paths a pixel of a batch, batches of each of the references, and frames of
 other random numbers, in the whole study and in the quick one."""
+
+SAMPLES: Final = 64
+"""Camera rays a pixel of each frame, those of this project's own gate."""
 
 REFERENCE_SEEDS, FIRST_FRAME_SEED = (0, 7000), 100
 """Starts of random numbers; the first reference is that of this project's own gate, which is
@@ -117,7 +120,7 @@ def _frames(context: StudyContext) -> tuple[np.ndarray, np.ndarray]:
     edge, count = PIXELS[context.quick], FRAMES[context.quick]
     loaded = load_scene(SCENE, resolution=(edge, edge))
     sensor = loaded.scene.sensors()[loaded.sensor_index]
-    config = vctgi.preset(PRESET)
+    config = replace(vctgi.preset(PRESET), samples_per_pixel=SAMPLES)
     assert config.scattering_count == SCATTERINGS, "cones and paths carry the same light"
     found, times = [], []
     for number in range(-1, count):

@@ -11,7 +11,7 @@ from metrics.luminance import luminance
 FAINT = 0.1
 """Brightest value of the maps of leaks, over that of the light gathered."""
 
-UNIT = "radiance"
+UNIT = "W m⁻² sr⁻¹"
 
 
 def add_audit_maps(shelf: FigureShelf, group: str, audit: LeakAudit) -> None:

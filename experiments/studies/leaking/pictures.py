@@ -41,7 +41,7 @@ SCENES = ("sealed_rooms", "cornell_box", CHOSEN)
 
 EDGE = (64, 32)
 BATCHES = (8, 4)
-PATHS = (1024, 1024)
+PATHS = (4096, 1024)
 """Pixels along an edge, batches of probes, and paths a pixel of the reference, in the whole study
 and in the quick one."""
 

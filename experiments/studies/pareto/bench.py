@@ -112,16 +112,13 @@ def bench_once(context: StudyContext, key: str, find: Callable[[], Bench]) -> Be
         No reference is good enough, or a method compiles in every frame.
     """
 
-    def measure() -> Bench | RefusedError:
+    def measure() -> Bench:
         try:
             return find()
         except (reference.NoisyReferenceError, NeverWarmError) as error:
-            return RefusedError(str(error))
+            raise RefusedError(str(error)) from error
 
-    found = context.once(key, measure)
-    if isinstance(found, RefusedError):
-        raise found
-    return found
+    return context.once(key, measure)
 
 
 @dataclass

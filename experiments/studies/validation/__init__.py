@@ -8,9 +8,15 @@ renderer.
 from __future__ import annotations
 
 from experiments.studies.check import Check
-from experiments.studies.validation import bands, leaking, ledger, moving
+from experiments.studies.validation import bands, flickering, leaking, ledger, moving
 
-PARTS = [leaking.subjects, moving.subjects, bands.subjects, ledger.subjects]
+PARTS = [
+    leaking.subjects,
+    moving.subjects,
+    flickering.subjects,
+    bands.subjects,
+    ledger.subjects,
+]
 """Metrics, in the order of the table."""
 
 

@@ -1,4 +1,4 @@
-"""Light that changes over time: ripples, pops and flicker of known size."""
+"""Light that changes over time: ripples and pops of known size."""
 
 from __future__ import annotations
 
@@ -17,12 +17,10 @@ from metrics.aliasing import (
     temporal_difference_error,
     temporal_difference_rms,
 )
-from metrics.flicker import Motion, flicker, flicker_rms
 from metrics.measurement import Measurement
 from metrics.synthetic import (
     Noise,
     SteadySweep,
-    sliding_motion,
     splatted_light,
     steady_sweep,
 )
@@ -50,7 +48,7 @@ Measure = Callable[..., Measurement]
 
 def subjects() -> list[Subject]:
     """Return the metrics of what moves."""
-    return [_power(), *_differences(), *_filtered(), _pops(), _recentring(), *_flickering()]
+    return [_power(), *_differences(), *_filtered(), _pops(), _recentring()]
 
 
 @cache
@@ -229,47 +227,3 @@ def _recentring() -> Subject:
         faults={"a difference of 0.1 over rounding": (1e-6, 0.1)},
         has_interval=False,
     )
-
-
-@cache
-def _motion() -> Motion:
-    return sliding_motion(frames=4, height=12, width=16)[0]
-
-
-def _flickering() -> list[Subject]:
-    shape = (4, 12, 16, 3)
-
-    def batches(noise: Noise, seed: int) -> np.ndarray:
-        return noise(np.random.default_rng(seed), (BATCHES, *shape))
-
-    def measure(factor: float, noise: Noise, seed: int, *, metric: Measure) -> Interval:
-        # Every other frame is brighter, so each change is that much of the light.
-        found = np.ones(shape)
-        found[1::2] += factor
-        return metric(found, batches(noise, seed), _motion())
-
-    def one_nan(metric: Measure) -> object:
-        found = np.ones(shape)
-        found[1, 2, 3, 0] = np.nan
-        return metric(found, np.ones((BATCHES, *shape)), _motion())
-
-    return [
-        Subject(
-            name=name,
-            case="flat wall of 16 x 12 pixels, the eye slides by 0.4 pixels; every other frame "
-            f"brighter, {BATCHES} batches",
-            cause="how much brighter",
-            measure=partial(measure, metric=metric),
-            causes=AMPLITUDES,
-            known=AMPLITUDE,
-            answer=AMPLITUDE,
-            tolerance=ROUNDING,
-            broken=partial(one_nan, metric),
-            faults={f"energy times {1.0 + fault:g} every other frame": (0.0, fault)},
-        )
-        # A distance does not tell from noise what is less than the noise.
-        for name, metric, fault in (
-            ("flicker, mean", flicker, 0.5),
-            ("flicker, RMS", flicker_rms, 0.05),
-        )
-    ]

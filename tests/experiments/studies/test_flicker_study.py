@@ -12,6 +12,7 @@ import vctgi
 from experiments.scenes.cornell_box import cornell_box
 from experiments.studies.catalogue import checks_of, find_study
 from experiments.studies.flicker.sequences import move_sensor, places_before
+from experiments.studies.flicker.surfaces import SEVERAL, surfaces_shown
 from metrics.flicker import changes, motion_of
 from vctgi.stages.reconstruction.temporal import project
 
@@ -52,3 +53,16 @@ def test_motion_vectors_lead_to_the_same_point() -> None:
     # A point does not move, whoever looks: its position is the light that must not flicker.
     moved = changes(np.stack(positions), motion)
     assert abs(moved.mean()) < RESAMPLED
+
+
+def test_a_lamp_is_none_of_the_ceiling_that_it_hangs_under() -> None:
+    description: dict[str, Any] = cornell_box()
+    description["sensor"]["film"].update(width=EDGE, height=EDGE)
+    scene: mi.Scene = mi.load_dict(description)
+    shown = surfaces_shown(scene, scene.sensors()[0])
+    # Between surfaces lie pixels that show several; Mitsuba merges shapes that share a material.
+    assert 0.05 < (shown == SEVERAL).mean() < 0.3
+    # The lamp lies in the ceiling's plane but for a hundredth of the room.
+    upper = shown[: EDGE // 2, EDGE // 2]
+    assert len(set(upper[upper != SEVERAL].tolist())) == 2
+    assert (upper == SEVERAL).any()

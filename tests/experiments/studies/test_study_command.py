@@ -103,6 +103,19 @@ def test_only_selects_by_substring_and_a_whole_name_alone() -> None:
     assert set(small_study.measured) == {"mean", "shared"}
 
 
+def test_work_that_was_refused_is_not_done_again() -> None:
+    context, tries = StudyContext(quick=True, progress=lambda _step, _share: None), []
+
+    def refuse() -> float:
+        tries.append(1)
+        raise RefusedError("too noisy")
+
+    for _ in range(2):
+        with pytest.raises(RefusedError, match="too noisy"):
+            context.once("picture", refuse)
+    assert len(tries) == 1
+
+
 def test_shared_work_is_done_once() -> None:
     run()
     assert small_study.measured["shared"] == 1
