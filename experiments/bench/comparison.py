@@ -10,6 +10,9 @@ from reports.bench_record import BenchRecord, FrameResult, PresetResult
 DEFAULT_BOUND = 0.01
 """Share by which a count may grow: processors round a few steps of cones in a million apart."""
 
+OPERATIONS_BOUND = 0.1
+"""The same for operations of the kernels' code, which every rewriting moves a little, at least."""
+
 
 @dataclass(frozen=True)
 class CountChange:
@@ -87,7 +90,7 @@ def compare(before: BenchRecord, after: BenchRecord, bound: float = DEFAULT_BOUN
     before, after
         Records. Presets and kinds of frames that only one has are left out.
     bound
-        Share by which counts may grow.
+        Share by which counts may grow; operations by `OPERATIONS_BOUND` at least.
 
     Raises
     ------
@@ -118,10 +121,14 @@ def compare(before: BenchRecord, after: BenchRecord, bound: float = DEFAULT_BOUN
         if _is_shared(name, kinds)
     ]
     changed = [each for each in pairs if each.before != each.after]
-    regressions = [each for each in changed if each.growth > bound]
+    regressions = [each for each in changed if each.growth > _bound_of(each.name, bound)]
     return Comparison(
         regressions, [each for each in changed if each not in regressions], _times(before, after)
     )
+
+
+def _bound_of(name: str, bound: float) -> float:
+    return max(bound, OPERATIONS_BOUND) if name.endswith("operations") else bound
 
 
 def _only(record: BenchRecord, names: set[str]) -> BenchRecord:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.bench.comparison import DEFAULT_BOUND, compare, counts_of
+from experiments.bench.comparison import DEFAULT_BOUND, OPERATIONS_BOUND, compare, counts_of
 from experiments.cli import main
 from experiments.doctor import LLVM_VARIANT
 from experiments.errors import EXIT_DONE, EXIT_FAILED, InputError
@@ -72,6 +72,13 @@ def test_less_work_and_rounding_pass() -> None:
         found = compare(before, with_counts(before, share, "texel_reads"))
         assert not found.regressions
         assert found.changes
+
+
+def test_code_may_be_rewritten_and_not_doubled() -> None:
+    before = read_bench(BASELINE)
+    for share, is_worse in ((0.5 * OPERATIONS_BOUND, False), (1.0, True)):
+        after = with_counts(before, share, "operations")
+        assert bool(compare(before, after).regressions) == is_worse
 
 
 def test_a_stage_that_is_new_is_more_work() -> None:
