@@ -13,6 +13,7 @@ from typing import Annotated
 
 from cyclopts import App, CycloptsError, Parameter
 
+from experiments.bench.command import bench
 from experiments.cli_options import (
     Cache,
     JsonFile,
@@ -51,9 +52,8 @@ app = App(
     help_flags=["--help", "-h"],
     result_action="return_value",
 )
-app.command(optimize)
-app.command(sweep)
-app.command(results)
+for command in (bench, optimize, sweep, results):
+    app.command(command)
 app.command(sweep_job, show=False)
 app.command(sweep_scenes, show=False)
 

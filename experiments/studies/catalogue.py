@@ -67,6 +67,14 @@ STUDIES = {
         "experiments.studies.pareto",
         "How much error is left for how much time, by cones, by paths, by denoised paths?",
     ),
+    "growth": StudyEntry(
+        "experiments.studies.growth",
+        "How do time, counts and memory grow with pixels, cones, voxels, triangles and lights?",
+    ),
+    "speed": StudyEntry(
+        "experiments.studies.speed",
+        "Are cones faster than paths that are as exact, and do they read at full rate?",
+    ),
     "stability": StudyEntry(
         "experiments.studies.stability",
         "Do stiff and extreme scenes and settings still give sound light?",

@@ -12,9 +12,9 @@ import mitsuba as mi
 import numpy as np
 
 import reference
+from experiments.clocks import Clocks, Job, NeverWarmError, time_jobs
 from experiments.scenes import LoadedScene, load_scene
 from experiments.studies.check import RefusedError, StudyContext
-from experiments.studies.pareto.clocks import Clocks, Job, NeverWarmError, time_jobs
 from experiments.studies.pareto.cone_frames import (
     CAMERA,
     LIGHTS,
@@ -100,22 +100,34 @@ def bench_of(context: StudyContext, source: str) -> Bench:
     RefusedError
         No reference is good enough, or a method compiles in every frame.
     """
+    return bench_once(context, f"pareto of {source}", lambda: _measure(context, source))
+
+
+def bench_once(context: StudyContext, key: str, find: Callable[[], Bench]) -> Bench:
+    """Return what `find` finds, once for all checks that ask by the same key.
+
+    Raises
+    ------
+    RefusedError
+        No reference is good enough, or a method compiles in every frame.
+    """
 
     def measure() -> Bench:
         try:
-            return _measure(context, source)
+            return find()
         except (reference.NoisyReferenceError, NeverWarmError) as error:
             raise RefusedError(str(error)) from error
 
-    return context.once(f"pareto of {source}", measure)
+    return context.once(key, measure)
 
 
 @dataclass
 class _Kept:
-    """Times and pictures as they come."""
+    """Times and pictures as they come, of moving frames, too, or of still ones alone."""
 
     clocks: dict[tuple[str, str], Clocks]
     pictures: dict[str, list[np.ndarray]]
+    has_moving: bool
 
     def take(self, jobs: dict[tuple[str, str], Job]) -> None:
         self.clocks |= {key: job.clocks for key, job in jobs.items()}
@@ -124,14 +136,45 @@ class _Kept:
 def _measure(context: StudyContext, source: str) -> Bench:
     edge = QUICK_EDGE if context.quick else EDGES[str(mi.variant())]
     loaded = load_scene(source, resolution=edge)
+    return run_methods(
+        context, loaded, cone_methods(quick=context.quick), path_methods(quick=context.quick)
+    )
+
+
+def run_methods(
+    context: StudyContext,
+    loaded: LoadedScene,
+    cones: list[Method],
+    paths: list[Method],
+    *,
+    has_moving: bool = True,
+) -> Bench:
+    """Render by all methods, time them in turns, and compare their pictures with a reference.
+
+    Parameters
+    ----------
+    context
+        The study.
+    loaded
+        The scene, at the size of the pictures.
+    cones
+        Methods by cones; the reference's noise must be below the errors of those of the family of
+        presets.
+    paths
+        Methods by paths; the denoised ones are left out where nothing denoises.
+    has_moving
+        Whether presets are timed in moving frames, too.
+
+    Raises
+    ------
+    NoisyReferenceError
+        No reference is good enough.
+    NeverWarmError
+        A method compiles in every frame.
+    """
     random = np.random.default_rng(SEED)
-    kept = _Kept({}, {})
-    cones = cone_methods(quick=context.quick)
-    paths = [
-        each
-        for each in path_methods(quick=context.quick)
-        if each.family != DENOISED or has_denoiser()
-    ]
+    kept = _Kept({}, {}, has_moving)
+    paths = [each for each in paths if each.family != DENOISED or has_denoiser()]
     blocks: dict[RenderConfig, list[Method]] = {}
     for method in cones:
         if not method.renders_like:
@@ -199,7 +242,7 @@ def _time_cones(
                 kept.pictures.setdefault(each.name, []).append(image)
 
         jobs[method.name, STILL] = Job(method.name, lit.still(config), keep)
-        if method.family == OURS:
+        if method.family == OURS and kept.has_moving:
             jobs[method.name, LIGHTS] = Job(method.name, lit.moving_lights(config))
             jobs[method.name, CAMERA] = Job(method.name, lit.moving_camera(config))
     time_jobs(list(jobs.values()), random, progress=progress)

@@ -14,8 +14,8 @@ import mitsuba as mi
 import numpy as np
 
 import vctgi
+from experiments.clocks import Render
 from experiments.scenes import LoadedScene
-from experiments.studies.pareto.clocks import Render
 from experiments.studies.pareto.methods import Method
 from vctgi.clipmap.levels import move_clipmap
 from vctgi.config import RenderConfig

@@ -23,7 +23,7 @@ DEFINITIONS = (
         name="device time",
         formula="sum of the run times of a frame's kernels; of denoised paths with the wall time "
         "of the denoiser, which runs on the CPU",
-        source="experiments/studies/pareto/clocks.py: dr.kernel_history, after two frames that "
+        source="experiments/clocks.py: dr.kernel_history, after two frames that "
         "compiled nothing; five frames of all methods in turns, each turn in another order. "
         "Methods that gather from the same lit voxels are one block; blocks are in random order",
     ),
@@ -31,12 +31,12 @@ DEFINITIONS = (
         name="compile time",
         formula="wall time of the first frame less its device time: tracing of the code, and "
         "compiling of what no method before it, and no earlier run on the machine, had compiled",
-        source="experiments/studies/pareto/clocks.py",
+        source="experiments/clocks.py",
     ),
     Definition(
         name="wall time",
         formula="from the call until the device has finished; a user waits for as long",
-        source="experiments/studies/pareto/clocks.py",
+        source="experiments/clocks.py",
     ),
     Definition(
         name="moving camera, moving lights",

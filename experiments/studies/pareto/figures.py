@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from experiments.clocks import REPETITIONS
 from experiments.studies.check import Measured
 from experiments.studies.figures import FigureShelf
 from experiments.studies.pareto.bench import Bench, Result, has_denoiser
-from experiments.studies.pareto.clocks import REPETITIONS
 from experiments.studies.pareto.cone_frames import STILL
 from experiments.studies.pareto.methods import DENOISED, FAMILIES, PATHS
 from experiments.studies.pareto.trade_off import pareto_front

@@ -9,9 +9,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final
 
+from experiments.clocks import REPETITIONS, Clocks
 from experiments.studies.check import Check, Measured, RefusedError, StudyContext
 from experiments.studies.pareto.bench import Bench, Result, bench_of, has_denoiser
-from experiments.studies.pareto.clocks import REPETITIONS, Clocks
 from experiments.studies.pareto.cone_frames import CAMERA, LIGHTS, STILL
 from experiments.studies.pareto.figures import draw
 from experiments.studies.pareto.methods import DENOISED, HIGH, PATHS, PRESET_NAMES

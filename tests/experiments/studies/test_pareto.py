@@ -12,16 +12,16 @@ import pytest
 
 import reference
 import vctgi
-from experiments.scenes import LoadedScene, load_scene
-from experiments.studies.pareto import checks
-from experiments.studies.pareto.bench import COUNT, has_denoiser
-from experiments.studies.pareto.clocks import (
+from experiments.clocks import (
     WARM_FRAMES,
     Job,
     NeverWarmError,
     time_jobs,
     timed_frame,
 )
+from experiments.scenes import LoadedScene, load_scene
+from experiments.studies.pareto import checks
+from experiments.studies.pareto.bench import COUNT, has_denoiser
 from experiments.studies.pareto.cone_frames import LitScene, indirect_image, light_key
 from experiments.studies.pareto.methods import (
     FAMILIES,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import drjit as dr
 import numpy as np
@@ -114,12 +114,16 @@ def timed_frame(render: Render, seed: int) -> tuple[FrameTime, object]:
         wall = time.perf_counter() - start
         kernels = dr.kernel_history()
     device = sum(kernel["execution_time"] for kernel in kernels) / 1e3
-    # Entries that are not traced code, such as sums, have no say in compiling.
-    compiled = sum(
-        not kernel.get("cache_hit", True) or bool(kernel.get("cache_disk", False))
-        for kernel in kernels
-    )
+    compiled = sum(is_new(kernel) for kernel in kernels)
     return FrameTime(device + getattr(found, "host_seconds", 0.0), wall, compiled), found
+
+
+def is_new(kernel: dict[str, Any]) -> bool:
+    """Whether an entry of the history was not in memory yet, but compiled or read from disk.
+
+    Entries that are not traced code, such as sums, have no say in compiling.
+    """
+    return not kernel.get("cache_hit", True) or bool(kernel.get("cache_disk", False))
 
 
 def time_jobs(
