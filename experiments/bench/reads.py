@@ -45,6 +45,10 @@ class CountingTexels:
         """Bytes that the texels take."""
         return self._texels.byte_count
 
+    def has_axis(self, axis: int) -> bool:
+        """Whether there is anything to read for travel along an axis."""
+        return self._texels.has_axis(axis)
+
     def taps(
         self, around: Neighbourhood, layer: Layer, active: mi.Bool | bool = True
     ) -> Iterator[tuple[mi.Float, mi.Float, mi.Vector4f]]:
@@ -117,7 +121,7 @@ def bare_fetch(texels: VoxelTexels) -> Callable[[mi.UInt32], mi.Vector4f]:
     that are there.
     """
     if isinstance(texels, GatheredTexels):
-        slabs = texels.code.slab_count(texels.direction_count)
+        slabs = texels.code.slab_count(texels.directions.count)
         voxels = texels.byte_count // (texels.code.word_bytes * slabs)
         # One word of each voxel: as far as one slab of all of them reaches.
         mask = dr.opaque(mi.UInt32, _power_below(voxels) - 1)
@@ -125,7 +129,7 @@ def bare_fetch(texels: VoxelTexels) -> Callable[[mi.UInt32], mi.Vector4f]:
 
         def gathered(place: mi.UInt32) -> mi.Vector4f:
             voxel = VoxelAddress(none, none, place & mask)
-            return texels.code.fetch(texels.words, voxel, 0, texels.direction_count, True)
+            return texels.code.fetch(texels.words, voxel, 0, texels.directions.count, True)
 
         return gathered
     if isinstance(texels, TextureTexels):

@@ -16,6 +16,7 @@ from experiments.bench.reads import bare_fetch, counting
 from experiments.bench.walks import CAMERA, LIGHTS, STILL, TURN_FRAMES, Walk
 from experiments.scenes import load_scene
 from reports.bench_record import Rates
+from vctgi.clipmap.stored_directions import SIX
 from vctgi.clipmap.texture import build_texture
 from vctgi.clipmap.unpacking import unpack_level
 
@@ -51,7 +52,11 @@ def test_a_bare_fetch_reads_every_texel_of_a_power_of_two() -> None:
     volume = walk(STILL).volume
     levels = list(volume.layout.levels)
     texture = build_texture(
-        levels, [False] * len(levels), lambda level: unpack_level(volume, level), 6, use_accel=False
+        levels,
+        [False] * len(levels),
+        lambda level: unpack_level(volume, level),
+        SIX,
+        use_accel=False,
     )
     for texels, words in (
         (volume.texels, volume.texels.words),  # type: ignore[attr-defined]

@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 import vctgi
-from experiments.studies.pareto.clocks import timed_frame
+from experiments.clocks import timed_frame
 from vctgi.config import RenderConfig
 from vctgi.pipeline import Frame, LitVolume, light_volume, prepare_scene, voxelize_scene
 
