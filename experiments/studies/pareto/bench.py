@@ -39,8 +39,8 @@ QUICK_EDGE: Final = 32
 EDGES: Final = {"llvm_ad_rgb": 64, "cuda_ad_rgb": 256}
 """Longer edge of the pictures, pixels, in the quick study and in the whole one."""
 
-FIRST_NOISE: Final = {True: 1e-3, False: 3e-4}
-"""Noise relMSE of the reference to begin with, in the quick study and in the whole one."""
+FIRST_NOISE: Final = 1e-3
+"""Noise relMSE of the reference to begin with."""
 
 NOISE_SHARE: Final = 1.0 / 12.0
 """Of the smallest error of a preset, that the reference's noise is then brought to, if it must."""
@@ -287,7 +287,7 @@ def _find_truth(
     """
     presets = [name for name, method in methods.items() if method.family == OURS]
     target = reference.ReferenceTarget(
-        relmse=FIRST_NOISE[context.quick],
+        relmse=FIRST_NOISE,
         component="indirect",
         most_samples_per_pixel=MOST_REFERENCE_PATHS,
         scattering_count=COUNT,
