@@ -44,8 +44,9 @@ gate: setup  ## check two small scenes and what artefacts studies find against t
 	@$(VENV)/vctgi gate tests/gates/gates.toml --variant llvm_ad_rgb --mutants --output build/gate --junit build/gate/junit.xml \
 		--markdown build/gate/summary.md
 
-publish: setup  ## the committed snapshot reports/published: pages, charts, summary (20 minutes on two cores)
-	@$(VENV)/vctgi report --resolution 96 --output build/publish/report
+publish: setup  ## the committed snapshot reports/published: pages, charts, summary (5 minutes on two cores)
+	@rm -rf build/publish
+	@$(VENV)/vctgi report --resolution 96 --spp 4096 --output build/publish/report
 	@for study in pareto leaking banding aliasing flicker; do \
 		$(VENV)/vctgi study $$study --quick --output build/publish/studies || [ $$? -ne 2 ]; \
 	done
