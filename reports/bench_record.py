@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 
+from reports.model_file import read_model
 from reports.schema import Machine
 
 BENCH_SCHEMA_VERSION: Final = 1
@@ -155,16 +156,6 @@ def read_bench(path: Path) -> BenchRecord:
     ValueError
         When the file is missing or is not the record of a benchmark.
     """
-    try:
-        return BenchRecord.model_validate_json(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ValueError(f"{path}: cannot read the record ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not UTF-8 text at byte {error.start}; make it again") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "record"
-        raise ValueError(
-            f"{path}: not the record of a benchmark, at {where}: {first['msg']}; make it again "
-            "with `vctgi bench --json FILE`"
-        ) from error
+    return read_model(
+        path, BenchRecord, noun="record", kind="benchmark", command="vctgi bench --json FILE"
+    )

@@ -14,10 +14,10 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
-    ValidationError,
     model_validator,
 )
 
+from reports.model_file import read_model
 from reports.schema import Machine
 from reports.study_figures import Definition, Figure
 
@@ -118,16 +118,6 @@ def read_study(path: Path) -> StudyRecord:
     ValueError
         When the file is missing or is not the record of a study.
     """
-    try:
-        return StudyRecord.model_validate_json(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ValueError(f"{path}: cannot read the study ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not UTF-8 text at byte {error.start}; make it again") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "study"
-        raise ValueError(
-            f"{path}: not the record of a study, at {where}: {first['msg']}; make it again with "
-            "`vctgi study NAME --json FILE`"
-        ) from error
+    return read_model(
+        path, StudyRecord, noun="study", kind="study", command="vctgi study NAME --json FILE"
+    )
