@@ -59,6 +59,12 @@ class CountingTexels:
         dr.scatter_add(self._count, mi.Int64(len(found)), lanes, mi.Bool(active))
         yield from found
 
+    def texel(self, around: Neighbourhood, layer: Layer, active: mi.Bool | bool) -> mi.Vector4f:
+        """Fetch what storage fetches, and count it."""
+        lanes = mi.UInt32(0) & around.level
+        dr.scatter_add(self._count, mi.Int64(1), lanes, mi.Bool(active))
+        return self._texels.texel(around, layer, active)
+
     def take_count(self) -> int:
         """Return the texels that were read since the last call."""
         found = int(self._count[0])

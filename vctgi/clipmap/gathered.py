@@ -53,23 +53,38 @@ class GatheredTexels:
     ) -> Iterator[tuple[mi.Float, mi.Float, mi.Vector4f]]:
         """Fetch the four texels of a layer around the point."""
         u, v = other_axes(layer.axis)
+        for step_u in range(2):
+            for step_v in range(2):
+                texel = self._fetch(around, layer, {u: step_u, v: step_v}, active)
+                yield around.weights[u][step_u], around.weights[v][step_v], texel
+
+    def texel(self, around: Neighbourhood, layer: Layer, active: mi.Bool | bool) -> mi.Vector4f:
+        """Fetch one texel of a layer."""
+        u, v = other_axes(layer.axis)
+        return self._fetch(around, layer, {u: 0, v: 0}, active)
+
+    def _fetch(
+        self,
+        around: Neighbourhood,
+        layer: Layer,
+        steps: dict[int, int],
+        active: mi.Bool | bool,
+    ) -> mi.Vector4f:
+        """Fetch the texel of a layer so many steps above the lowest across it."""
         bits = around.resolution_bits
         offset = dr.gather(mi.UInt32, self.voxel_offsets, around.level)
         count = self.directions.count
-        start = offset * self.code.slab_count(count)
         slot, is_stored = self.directions.find(layer)
-        active = active & is_stored
-        stride = mi.UInt32(1) << (3 * bits)
         parts = {layer.axis: around.stored(layer.voxel) << (layer.axis * bits)}
-        for step_u in range(2):
-            parts[u] = around.stored(mi.Int32(around.lowest[u] + step_u)) << (u * bits)
-            for step_v in range(2):
-                parts[v] = around.stored(mi.Int32(around.lowest[v] + step_v)) << (v * bits)
-                # In the same order for every axis, so that equal sums are computed once.
-                place = parts[0] + parts[1] + parts[2]
-                voxel = VoxelAddress(start, stride, place)
-                texel = self.code.fetch(self.words, voxel, slot, count, active)
-                if self.scale is not None:
-                    color_scale = as_component(self.scale)
-                    texel *= mi.Vector4f(color_scale, color_scale, color_scale, 1.0)
-                yield around.weights[u][step_u], around.weights[v][step_v], texel
+        for axis, step in steps.items():
+            parts[axis] = around.stored(mi.Int32(around.lowest[axis] + step)) << (axis * bits)
+        # In the same order for every axis, so that equal sums are computed once.
+        place = parts[0] + parts[1] + parts[2]
+        voxel = VoxelAddress(
+            offset * self.code.slab_count(count), mi.UInt32(1) << (3 * bits), place
+        )
+        texel = self.code.fetch(self.words, voxel, slot, count, active & is_stored)
+        if self.scale is not None:
+            color_scale = as_component(self.scale)
+            texel *= mi.Vector4f(color_scale, color_scale, color_scale, 1.0)
+        return texel

@@ -3,7 +3,8 @@
 The read of `sampling.py` works layer by layer: one layer of voxels across an axis is interpolated
 bilinearly, then layers are put together along the axis. How a layer is fetched is all that storage
 formats differ in. A `VoxelTexels` therefore answers one question, the taps of a layer: four texels
-of weights that the shader knows, or one that the texture unit has already interpolated.
+of weights that the shader knows, or one that the texture unit has already interpolated. Where
+texels are chosen at random (`texel_choice.py`) it is asked for a single one.
 """
 
 from __future__ import annotations
@@ -105,6 +106,19 @@ class VoxelTexels(Protocol):
             Weights along the two axes of `other_axes(layer.axis)`, whose product weighs the third:
             premultiplied emittance, W m^-2 sr^-1, and opacity. Voxels outside the window across
             the axis weigh 0.
+        """
+
+    def texel(self, around: Neighbourhood, layer: Layer, active: mi.Bool | bool) -> mi.Vector4f:
+        """Fetch the texel of a layer that is lowest across it: emittance and opacity as of a tap.
+
+        Parameters
+        ----------
+        around
+            Its lowest voxel is the one that is read.
+        layer
+            Which layer.
+        active
+            Lanes to fetch; the others get 0.
         """
 
 

@@ -102,6 +102,8 @@ def read_medium(
     around, voxel_size = _around(volume, level, p_world)
     shares = _axis_shares(direction, weights)
     read_axis = _read_axis if read == "layered" else _read_axis_as_alpha
+    if _is_chosen(volume):
+        read_axis = _read_chosen
     extinction = mi.Float(0.0)
     source = mi.Color3f(0.0)
     for axis in filter(volume.texels.has_axis, range(3)):
@@ -130,10 +132,11 @@ def read_sample(
         ray; opacity ends at 1 then.
     """
     around, _ = _around(volume, level, p_world)
+    read_axis = _chosen_texel if _is_chosen(volume) else _trilinear
     shares = _axis_shares(direction, weights)
     total = mi.Vector4f(0.0)
     for axis in filter(volume.texels.has_axis, range(3)):
-        texel = _trilinear(volume.texels, around, axis, _side(direction, axis))
+        texel = read_axis(volume.texels, around, axis, _side(direction, axis))
         total = dr.fma(as_component(shares[axis]), texel, total)
     emitted = mi.Color3f(total.x, total.y, total.z)
     return VoxelSample(dr.minimum(mi.Float(total.w), 1.0), emitted)
@@ -195,10 +198,36 @@ def read_surface(
 def _around(
     volume: VoxelVolume, level: mi.UInt32, p_world: mi.Point3f
 ) -> tuple[Neighbourhood, mi.Float]:
-    """Return the voxels around a point of a level, and their size."""
+    """Return the voxels around a point of a level, of which one may be chosen, and their size."""
     voxel_size = volume.layout.finest_voxel_size * dr.exp2(mi.Float(level))
     q = mi.Point3f(p_world / as_component(voxel_size) - 0.5)
+    if volume.choice is not None and volume.choice.offset is not None:
+        q = mi.Point3f(q + volume.choice.offset)
     return neighbourhood(volume.table, level, q), voxel_size
+
+
+def _is_chosen(volume: VoxelVolume) -> bool:
+    """Whether one texel of each axis is chosen, the lowest of those around a moved point."""
+    return volume.choice is not None and volume.choice.offset is not None
+
+
+def _chosen_texel(
+    texels: VoxelTexels, around: Neighbourhood, axis: int, side: mi.UInt32
+) -> mi.Vector4f:
+    """Premultiplied emittance and opacity of the one texel that is read."""
+    is_held = mi.Bool(True)
+    for each in range(3):
+        is_held &= around.is_held(mi.Int32(around.lowest[each]), each)
+    return texels.texel(around, Layer(axis, side, mi.Int32(around.lowest[axis])), is_held)
+
+
+def _read_chosen(
+    texels: VoxelTexels, around: Neighbourhood, axis: int, side: mi.UInt32
+) -> tuple[mi.Float, mi.Color3f]:
+    """As `_read_axis`, of the one texel that is read."""
+    texel = _chosen_texel(texels, around, axis, side)
+    depth, depth_per_opacity = optical_depth(mi.Float(texel.w))
+    return depth, mi.Color3f(texel.x, texel.y, texel.z) * as_component(depth_per_opacity)
 
 
 def _side(direction: mi.Vector3f, axis: int) -> mi.UInt32:

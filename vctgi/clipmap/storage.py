@@ -9,7 +9,7 @@ cones read.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import drjit as dr
@@ -25,6 +25,7 @@ from vctgi.clipmap.neighbourhood import VoxelTexels
 from vctgi.clipmap.reduction import reduce_directions
 from vctgi.clipmap.slots import DEFAULT_RULE, SlotRule
 from vctgi.clipmap.stored_directions import StoredDirections, directions_of, select_directions
+from vctgi.clipmap.texel_choice import TexelChoice
 from vctgi.clipmap.texture import build_texture
 from vctgi.maths.directions import DIRECTION_COUNT
 
@@ -148,11 +149,14 @@ class VoxelVolume:
         Where the stored voxels lie, as device arrays: a level without opacity is one empty voxel.
     texels
         The voxels.
+    choice
+        What chooses the texels that each lane's cone reads; None: all around are interpolated.
     """
 
     layout: ClipmapLayout
     table: LevelTable
     texels: VoxelTexels
+    choice: TexelChoice | None = None
 
     @property
     def byte_count(self) -> int:
@@ -163,6 +167,10 @@ class VoxelVolume:
     def has_derivatives(self) -> bool:
         """Whether any of the voxels has."""
         return isinstance(self.texels, GatheredTexels) and bool(dr.grad_enabled(self.texels.words))
+
+    def choosing(self, choice: TexelChoice | None) -> VoxelVolume:
+        """Return the same voxels, read by what a choice leaves of the texels around a point."""
+        return replace(self, choice=choice)
 
 
 def bytes_per_voxel(config: StorageConfig) -> int:

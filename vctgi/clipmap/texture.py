@@ -89,18 +89,33 @@ class TextureTexels:
     ) -> Iterator[tuple[mi.Float, mi.Float, mi.Vector4f]]:
         """Fetch the layer at the point, interpolated by the texture unit."""
         u, v = other_axes(layer.axis)
-        places = {layer.axis: mi.Float(around.stored(layer.voxel))}
-        weights = {}
+        places, weights = {}, {}
         for axis in (u, v):
             places[axis], weights[axis] = _clamped(around, axis)
+        yield weights[u], weights[v], self._fetch(around, layer, places, active)
+
+    def texel(self, around: Neighbourhood, layer: Layer, active: mi.Bool | bool) -> mi.Vector4f:
+        """Fetch at the centre of one texel of a layer."""
+        across = other_axes(layer.axis)
+        places = {axis: mi.Float(around.stored(mi.Int32(around.lowest[axis]))) for axis in across}
+        return self._fetch(around, layer, places, active)
+
+    def _fetch(
+        self,
+        around: Neighbourhood,
+        layer: Layer,
+        places: dict[int, mi.Float],
+        active: mi.Bool | bool,
+    ) -> mi.Vector4f:
+        """Fetch a layer at a place across it, in voxels from the centre of the one stored first."""
+        places[layer.axis] = mi.Float(around.stored(layer.voxel))
         start = dr.gather(mi.UInt32, self.slab_starts, around.level)
         slot, is_stored = self.directions.find(layer)
         below = start + slot * (around.resolution + PADDING) + 1
         places[2] += mi.Float(below)
         centre = mi.Vector3f([as_component(places[axis] + 0.5) for axis in range(3)])
         position = mi.Point3f(centre * self.per_texel)
-        texel = self.texture.eval(position, as_mask(active & is_stored))
-        yield weights[u], weights[v], mi.Vector4f(*texel)
+        return mi.Vector4f(*self.texture.eval(position, as_mask(active & is_stored)))
 
 
 def build_texture(

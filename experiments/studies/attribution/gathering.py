@@ -134,6 +134,8 @@ class Gatherer:
             march = replace(march, min_step_voxels=max(march.min_step_voxels, HAIR_STEP_VOXELS))
         phase = mi.Float(1.0 - rays.jitter) if self.cones.is_jittered else mi.Float(1.0)
         apex, axis, active = rays.apex, rays.axis, rays.active
+        # What random texels are in the mean.
+        march = replace(march, filtering="linear")
         reach = self.cones.near_field_voxels
         if reach == 0.0:
             return march_cone(self.volume, apex, axis, ratio, phase, march, active).radiance

@@ -15,6 +15,7 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
+from vctgi.clipmap.texel_choice import random_choice
 from vctgi.maths.cones import ratio_from_aperture, ring_cone_set, ring_sizes
 from vctgi.maths.constant_tables import float_table
 from vctgi.maths.directions import random_unit
@@ -162,7 +163,8 @@ def _trace_pass(
         hidden = dr.select(near.is_hit, dr.exp(near.distance * (-1.0 / reach)), 0.0)
         active, begin = active & ~near.is_hit, near.reach
     ratio, phase = dr.gather(mi.Float, ratios, number), mi.Float(1.0 - jitter)
-    cone = march_cone(volume, apex, axis, ratio, phase, march, active, begin)
+    chosen = volume.choosing(random_choice(sample_index, number, march.filtering))
+    cone = march_cone(chosen, apex, axis, ratio, phase, march, active, begin)
     if tally is not None:
         tally.add(cone, active)
     stopped = mi.Float(mi.Float(cone.radiance.x) + hidden)

@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
+from vctgi.clipmap.texel_choice import TexelChoice, random_choice
 from vctgi.maths.cones import GOLDEN_TURN, ConeSet, ratio_from_aperture, ring_rims
 from vctgi.maths.constant_tables import float_table
 from vctgi.maths.directions import random_unit
@@ -82,16 +83,17 @@ def _trace_pass(
     point, cone, axis, normal = lanes.point, lanes.cone, lanes.axis, lanes.normal
     apex, ratio, phase, active = lanes.apex, lanes.ratio, lanes.phase, lanes.active
     march = config.march if parameters is None else parameters.march(config.march, cone)
+    chosen = volume.choosing(lanes.choice)
     if config.near_field_voxels > 0.0:
         assert scene is not None, "the near field traces real rays, so it needs the scene"
         near = trace_near_field(scene, volume, apex, normal, axis, config.near_field_voxels, active)
         if tally is not None:
             tally.add_rays(active, dr.width(point))
         active = active & ~near.is_hit
-        traced = march_cone(volume, apex, axis, ratio, phase, march, active, near.reach)
+        traced = march_cone(chosen, apex, axis, ratio, phase, march, active, near.reach)
         radiance = dr.select(near.is_hit, near.radiance, traced.radiance)
     else:
-        traced = march_cone(volume, apex, axis, ratio, phase, march, active)
+        traced = march_cone(chosen, apex, axis, ratio, phase, march, active)
         radiance = traced.radiance
     if tally is not None:
         tally.add(traced, active)
@@ -135,6 +137,8 @@ class DiffuseLanes:
         Share of the first step that it takes, (0, 1].
     active
         Whether it is traced.
+    choice
+        What chooses its texels; None: they are interpolated.
     """
 
     point: mi.UInt32
@@ -145,6 +149,7 @@ class DiffuseLanes:
     ratio: mi.Float
     phase: mi.Float
     active: mi.Bool
+    choice: TexelChoice | None
 
 
 def diffuse_lanes(
@@ -182,7 +187,8 @@ def diffuse_lanes(
     phase = mi.Float(1.0 - jitter)
     if config.normal_offset_voxels > 0.0:
         apex = _above(volume, apex, normal, config.normal_offset_voxels)
-    return DiffuseLanes(point, cone, apex, normal, axis, ratio, phase, active)
+    choice = random_choice(sample_index, cone, config.march.filtering)
+    return DiffuseLanes(point, cone, apex, normal, axis, ratio, phase, active, choice)
 
 
 def _within_rings(

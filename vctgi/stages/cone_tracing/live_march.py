@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.sampling import ReadRule, WeightRule
+from vctgi.clipmap.texel_choice import Filtering
 from vctgi.stages.cone_tracing.march_config import (
     ColorRule,
     ConeMarchConfig,
@@ -65,6 +66,11 @@ class LiveMarch:
     def read(self) -> ReadRule:
         """As the rules say."""
         return self.rules.read
+
+    @property
+    def filtering(self) -> Filtering:
+        """As the rules say."""
+        return self.rules.filtering
 
     @property
     def weights(self) -> WeightRule:

@@ -45,7 +45,9 @@ def march_cone(
     Parameters
     ----------
     volume
-        Opacity and emittance to march through.
+        Opacity and emittance to march through, `VoxelVolume.choosing` texels where
+        `config.filtering` wants that. Where anything has derivatives all is interpolated: the
+        choice of a texel has none.
     apex
         World points where the cones start.
     axis
@@ -64,12 +66,19 @@ def march_cone(
     Raises
     ------
     ValueError
-        Derivatives of voxels in a format that has none.
+        Derivatives of voxels in a format that has none, or a volume that chooses texels where the
+        configuration interpolates, or the other way round.
 
     References
     ----------
     [Panteleev2014], slides "Cone tracing basics" and "Diffuse and specular cone tracing".
     """
+    if (volume.choice is None) != (config.filtering == "linear"):
+        raise ValueError(
+            f'march_cone: ConeMarchConfig.filtering is "{config.filtering}"; pass '
+            "`volume.choosing(random_choice(..., config.filtering))`, see "
+            "vctgi.clipmap.texel_choice."
+        )
     layout = volume.layout
     inputs = (apex, axis, cone_ratio, phase, active)
     full = dr.zeros(mi.Float, max(dr.width(each) for each in inputs))
@@ -79,5 +88,6 @@ def march_cone(
     t_start = dr.maximum(start * dr.exp2(finest_level(volume, apex)), t_near)
     t = dr.maximum(t_begin, t_start) + full
     cone = ConeRay(apex, axis, cone_ratio, t_end)
-    march = differentiated_march if has_derivatives(volume, cone, t, phase, config) else run_march
-    return march(volume, cone, t, phase + full, active, config)
+    if has_derivatives(volume, cone, t, phase, config):
+        return differentiated_march(volume.choosing(None), cone, t, phase + full, active, config)
+    return run_march(volume, cone, t, phase + full, active, config)

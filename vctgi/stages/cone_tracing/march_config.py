@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from vctgi.clipmap.sampling import ReadRule, WeightRule
+from vctgi.clipmap.texel_choice import Filtering
 
 CorrectionRule = Literal["depth", "exponent", "linear", "none"]
 """What becomes of the opacity a of one voxel over a step of k voxels. "depth": exp(-k depth), depth
@@ -39,6 +40,11 @@ class ConeMarchConfig:
     """A cone that lets less through has ended, [0, 1)."""
     read: ReadRule = "layered"
     """How opacity is interpolated: "layered" (docs/decisions/0001) or "trilinear", as alpha."""
+    filtering: Filtering = "linear"
+    """What a sample reads: "linear" interpolates between the texels around it and between two
+    levels; "random_level" reads the level that a random number of the cone chooses, half as many
+    texels; "random_texel" also one texel of each axis in place of eight. The same in the mean
+    where a step stops little; derivatives are always those of "linear"."""
     weights: WeightRule = "projected"
     """How much each of the three slots counts that face a ray of direction d: "projected" |d|,
     "squared" d^2, or "normalised" |d| over its sum."""
@@ -100,6 +106,7 @@ class ConeMarchConfig:
     def _check_rules(self) -> None:
         for name, known in (
             ("read", ReadRule),
+            ("filtering", Filtering),
             ("weights", WeightRule),
             ("correction", CorrectionRule),
             ("color", ColorRule),

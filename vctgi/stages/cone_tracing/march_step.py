@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import TypeVar
 
 import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.levels import WINDOW_MARGIN_VOXELS, ClipmapLayout
-from vctgi.clipmap.sampling import read_medium, read_sample
+from vctgi.clipmap.sampling import Medium, VoxelSample, read_medium, read_sample
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.stub_gaps import as_component
 from vctgi.stages.cone_tracing.live_march import AnyMarch, LiveMarch
@@ -23,6 +25,9 @@ PARALLEL = 1e-12
 
 SMALLEST_FOOTPRINT = 1e-12
 """Footprint in finest voxels below which a cone is a ray in derivatives."""
+
+
+Read = TypeVar("Read", Medium, VoxelSample)
 
 
 @dataclass
@@ -63,7 +68,7 @@ def read_step(
     volume: VoxelVolume, cone: ConeRay, t: mi.Float, step: mi.Float, config: AnyMarch
 ) -> tuple[mi.Float, mi.Color3f]:
     """Return the share that the step from a distance stops, and the radiance that it adds."""
-    # Voxels at one place of the step, between the two levels that enclose the footprint there.
+    # Voxels at one place of the step, of the levels that enclose the footprint there.
     t_read = dr.fma(config.sample_place, step, t)
     p_read = mi.Point3f(dr.fma(cone.axis, t_read, cone.apex))
     stopped, seen = step_at(volume, p_read, cone.axis, cone.ratio * t_read, step, config)
@@ -100,30 +105,42 @@ def step_at(
         Length of the step, world units.
     """
     layout = volume.layout
-    last = layout.last_read_level
     level = level_read(volume, p_world, footprint, config)
+
+    if config.correction == "depth":
+
+        def medium(each: mi.UInt32) -> Medium:
+            place = p_world - _pull_back(layout, each, axis, config)
+            return read_medium(volume, each, place, axis, config.read, config.weights)
+
+        found = _of_levels(medium, volume, level)
+        if isinstance(config, LiveMarch) or config.correction_factor != 1.0:
+            step = step * config.correction_factor
+        return seen_in_medium(found.extinction, found.source, step)
+
+    def sample(each: mi.UInt32) -> VoxelSample:
+        place = p_world - _pull_back(layout, each, axis, config)
+        return read_sample(volume, each, place, axis, config.weights)
+
+    read = _of_levels(sample, volume, level)
+    voxels = step / (layout.finest_voxel_size * dr.exp2(level))
+    return corrected_sample(read.opacity, read.emittance, voxels * config.correction_factor, config)
+
+
+def _of_levels(read: Callable[[mi.UInt32], Read], volume: VoxelVolume, level: mi.Float) -> Read:
+    """Read at a fractional level: the two around it in proportion, or one that is chosen."""
+    last = volume.layout.last_read_level
+    if volume.choice is not None:
+        return read(dr.minimum(mi.UInt32(level + volume.choice.level), last))
     finer = dr.minimum(mi.UInt32(level), max(last - 1, 0))
     coarser = dr.minimum(finer + 1, last)
     blend = level - mi.Float(finer)
-    places = [(each, p_world - _pull_back(layout, each, axis, config)) for each in (finer, coarser)]
-
-    if config.correction == "depth":
-        near, far = (
-            read_medium(volume, each, place, axis, config.read, config.weights)
-            for each, place in places
-        )
-        extinction = dr.lerp(near.extinction, far.extinction, blend)
-        source = dr.lerp(near.source, far.source, as_component(blend))
-        if isinstance(config, LiveMarch) or config.correction_factor != 1.0:
-            step = step * config.correction_factor
-        return seen_in_medium(extinction, source, step)
-    fine, coarse = (
-        read_sample(volume, each, place, axis, config.weights) for each, place in places
-    )
-    opacity = dr.lerp(fine.opacity, coarse.opacity, blend)
-    emitted = dr.lerp(fine.emittance, coarse.emittance, as_component(blend))
-    voxels = step / (layout.finest_voxel_size * dr.exp2(level))
-    return corrected_sample(opacity, emitted, voxels * config.correction_factor, config)
+    near, far = read(finer), read(coarser)
+    parts = []
+    for part in fields(near):
+        a, b = getattr(near, part.name), getattr(far, part.name)
+        parts.append(dr.lerp(a, b, as_component(blend) if isinstance(a, mi.Color3f) else blend))
+    return type(near)(*parts)
 
 
 def level_read(

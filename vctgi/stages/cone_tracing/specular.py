@@ -20,6 +20,7 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
+from vctgi.clipmap.texel_choice import random_choice
 from vctgi.maths.constant_tables import number_table
 from vctgi.maths.directions import random_unit
 from vctgi.maths.evaluation import with_boundary
@@ -188,7 +189,7 @@ def trace_specular(
     if has_specular:
         reflected = _trace_lobe(gbuffer, volume, config, noise, sky, tally)
     if has_passing:
-        narrow = _Cone(gbuffer.ray_direction, mi.Float(config.min_aperture))
+        narrow = _Cone(gbuffer.ray_direction, mi.Float(config.min_aperture), PASSING)
         active = gbuffer.is_valid & (dr.max(gbuffer.passed) > 0.0)
         share = _first_step_share(noise)
         passed = _trace(gbuffer, volume, narrow, share, config, sky, active, tally)
@@ -197,10 +198,11 @@ def trace_specular(
 
 @dataclass
 class _Cone:
-    """Unit axis and full apex angle of one cone a lane."""
+    """Unit axis and full apex angle of one cone a lane, and which of its point's cones it is."""
 
     axis: mi.Vector3f
     aperture: mi.Float
+    number: mi.UInt32 | int
 
 
 def _trace_lobe(
@@ -217,7 +219,7 @@ def _trace_lobe(
     if config.aperture_scale != 1.0:
         aperture = aperture * config.aperture_scale
     aperture = dr.clip(aperture, config.min_aperture, WIDEST_CONE)
-    lobe = _Cone(gbuffer.specular_axis, aperture)
+    lobe = _Cone(gbuffer.specular_axis, aperture, 0)
     active = gbuffer.is_valid & (dr.max(gbuffer.specular_albedo) > 0.0)
     count = config.rough_cone_count
     if count == 1:
@@ -258,7 +260,7 @@ def _part_of_lobe(
     sine, cosine = dr.sincos(2.0 * math.pi * turn)
     local = mi.Vector3f(axis_sine * cosine, axis_sine * sine, axis_cosine)
     axis = mi.Vector3f(mi.Frame3f(lobe.axis).to_world(local))
-    return _Cone(axis, mi.Float(dr.lerp(lobe.aperture, part, parting)))
+    return _Cone(axis, mi.Float(dr.lerp(lobe.aperture, part, parting)), number)
 
 
 def _noise(gbuffer: GBuffer, config: SpecularConesConfig, film: FilmSample | None) -> mi.Float:
@@ -310,8 +312,11 @@ def _trace(
 ) -> mi.Color3f:
     """Radiance along one cone of each active point."""
     ratio = 2.0 * dr.tan(0.5 * cone.aperture)
+    number = FIRST_NUMBER + mi.UInt32(cone.number)
+    choice = random_choice(gbuffer.sample_index, number, config.march.filtering)
+    chosen = volume.choosing(choice)
     seen = march_cone(
-        volume, gbuffer.position, cone.axis, ratio, first_step_share, config.march, active
+        chosen, gbuffer.position, cone.axis, ratio, first_step_share, config.march, active
     )
     if tally is not None:
         tally.add(seen, active)
@@ -325,3 +330,7 @@ def _trace(
 
 PHASE_STREAM = 101
 """Hash stream of the cones' phase."""
+
+FIRST_NUMBER, PASSING = 1000, 13
+"""What tells the choices of texels of specular cones from those of diffuse ones, and of the cone
+straight through from those of the lobe."""

@@ -1,0 +1,81 @@
+"""Texels chosen at random in place of interpolated ones: the same in the mean, in fewer reads.
+
+A linear interpolation is the mean of reading one texel, chosen with the probability of its weight
+[Hofmann2021, Fajardo2023]. A cone keeps its choice all along: its place within the voxels is moved
+by one random offset, and the level that it reads by one random share, so that it meets a wall
+wherever the wall stands, as a ray somewhere within the cone would. What is chosen for the cones of
+a point is shared out among them, evenly by the numbers of Kronecker sequences [Roberts2018].
+
+References
+----------
+[Hofmann2021] N. Hofmann, J. Hasselgren, P. Clarberg, J. Munkberg, Interactive path tracing and
+reconstruction of sparse volumes. [Fajardo2023] M. Fajardo, B. Wronski, M. Salvi, M. Pharr,
+Stochastic texture filtering. [Roberts2018] as in `vctgi.maths.directions`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import drjit as dr
+import mitsuba as mi
+
+from vctgi.maths.directions import random_unit
+from vctgi.maths.stub_gaps import as_component
+
+Filtering = Literal["linear", "random_level", "random_texel"]
+"""What a sample reads: "linear" all texels around it in two levels; "random_level" those of one of
+the two; "random_texel" the one texel of each axis that a cone's random offset chooses, of one."""
+
+LEVEL_STREAM, OFFSET_STREAM = 700, 701
+"""Hash streams of the share that chooses levels and, from the second on, of the offsets."""
+
+FOUR_DIMENSIONAL_ROOT = 1.16730397826141868426
+"""Root of x^5 = x + 1, the base of the four-dimensional Kronecker sequence."""
+
+
+@dataclass
+class TexelChoice:
+    """What chooses the texels of a cone.
+
+    Attributes
+    ----------
+    level
+        [0, 1): added to the fractional level, of which the whole part is read then.
+    offset
+        [0, 1)^3: added to the place in voxels, counted from centres, of which the whole part is
+        read then; None: texels are interpolated.
+    """
+
+    level: mi.Float
+    offset: mi.Point3f | None
+
+
+def random_choice(
+    sample_index: mi.UInt32, number: mi.UInt32, filtering: Filtering
+) -> TexelChoice | None:
+    """Return the choice of a cone.
+
+    Parameters
+    ----------
+    sample_index
+        Of the point that it starts at.
+    number
+        Of the cone among those of the point.
+    filtering
+        What is chosen; "linear" chooses nothing.
+    """
+    if filtering == "linear":
+        return None
+
+    def shared_out(axis: int, stream: int) -> mi.Float:
+        turn = random_unit(sample_index, stream)
+        turn = turn + mi.Float(number) * FOUR_DIMENSIONAL_ROOT ** -(axis + 1)
+        return mi.Float(turn - dr.floor(turn))
+
+    level = shared_out(0, LEVEL_STREAM)
+    if filtering == "random_level":
+        return TexelChoice(level, None)
+    offset = [as_component(shared_out(1 + k, OFFSET_STREAM + k)) for k in range(3)]
+    return TexelChoice(level, mi.Point3f(offset))
