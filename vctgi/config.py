@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, TypeVar, get_args
 
 from vctgi.clipmap.levels import ClipmapConfig
 from vctgi.clipmap.storage import StorageConfig
@@ -132,6 +132,9 @@ class RenderConfig:
         return self.scattering_count - LEAST_SCATTERING_COUNT
 
 
+Cones = TypeVar("Cones", DiffuseConesConfig, AmbientConfig)
+
+
 def _diffuse(
     cone_count: int, level_bias: float, near_field_voxels: float, pull_back_voxels: float = 0.25
 ) -> DiffuseConesConfig:
@@ -143,29 +146,37 @@ def _diffuse(
     )
 
 
+def _chosen(cones: Cones) -> Cones:
+    """Return the cones of a preset, which read one level of two (docs/decisions/0027)."""
+    return replace(cones, march=replace(cones.march, filtering="random_level"))
+
+
 _DEFAULT = RenderConfig()
 
 PRESETS: dict[str, RenderConfig] = {
     "ambient": replace(
         _DEFAULT,
         mode="ambient",
+        ambient=_chosen(AmbientConfig()),
         samples_per_pixel=2,
         reconstruction=ReconstructionConfig(sparsity=4),
     ),
     "medium": replace(
         _DEFAULT,
-        diffuse=_diffuse(6, -1.0, 0.0),
+        diffuse=_chosen(_diffuse(6, -1.0, 0.0)),
         samples_per_pixel=2,
         reconstruction=ReconstructionConfig(sparsity=4),
     ),
     "high": replace(
         _DEFAULT,
         clipmap=ClipmapConfig(resolution=128),
-        diffuse=_diffuse(17, -1.0, 3.0, 0.4),
+        diffuse=_chosen(_diffuse(17, -1.0, 3.0, 0.4)),
         reconstruction=ReconstructionConfig(sparsity=9, max_contrast=0.7),
     ),
     "ultra": replace(
-        _DEFAULT, clipmap=ClipmapConfig(resolution=128), diffuse=_diffuse(64, -1.0, 4.0, 0.4)
+        _DEFAULT,
+        clipmap=ClipmapConfig(resolution=128),
+        diffuse=_chosen(_diffuse(64, -1.0, 4.0, 0.4)),
     ),
 }
 """Named configurations, from cheap to dear."""

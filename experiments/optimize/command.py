@@ -38,7 +38,8 @@ def optimize(  # noqa: PLR0913 - the options of a command
             negative="",
             help="What is fitted: aperture_scale, apertures, weights, elevations, step_ratio, "
             "min_step, start_offset, exponent, pull_back, level_bias, near_field, ring_jitter, "
-            "max_contrast; with evolution and Optuna also cone_count, sparsity, traced_once. "
+            "max_contrast; with evolution and Optuna also cone_count, sparsity, traced_once, "
+            "filtering. "
             "Default: " + ", ".join(DEFAULT_PARAMETERS) + ".",
         ),
     ] = None,

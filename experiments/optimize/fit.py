@@ -151,7 +151,7 @@ class Fit:
         known by one frame of one scene, and the others need not be rendered.
         """
         for limit in self.limits:
-            if limit.name in ("samples", "rays"):
+            if limit.name == "work":
                 frame = self._evaluator.values(limit.scene, 0, point)
                 if getattr(frame, limit.name) > HOPELESS_COST * (limit.start + limit.allowance):
                     return True

@@ -18,7 +18,7 @@ import numpy as np
 
 import vctgi
 from experiments.optimize.parameters import Parameter, write_point
-from experiments.optimize.statistics import FrameCost
+from experiments.optimize.statistics import FILTERING_WORK, FrameCost
 from experiments.optimize.target import Array
 from experiments.optimize.views import View, load_view, move_scene
 from experiments.studies.phases import phase_offsets
@@ -90,8 +90,10 @@ class FrameSource:
         )
         image = np.array(frame.indirect_diffuse, dtype=np.float64)
         pixels = image.shape[0] * image.shape[1]
+        of_one = FILTERING_WORK[config.diffuse.march.filtering]
         cost = FrameCost(
-            samples=tally.gathering.sample_count / pixels, rays=tally.gathering.ray_count / pixels
+            samples=of_one * tally.gathering.sample_count / pixels,
+            rays=tally.gathering.ray_count / pixels,
         )
         return Picture(image=image, cost=cost)
 

@@ -25,7 +25,7 @@ LEAST_SHARE = 0.02
 """Least that is allowed as a share of the start."""
 
 COST_SHARE = 0.02
-"""How much more than the start equal cost may read, as a share."""
+"""How much more work than the start equal cost may be, as a share."""
 
 
 ROUNDING = 1e-9
@@ -90,14 +90,10 @@ def leak_limits(scene: int, frames: Sequence[FrameValues]) -> list[Limit]:
 
 
 def cost_limits(scene: int, frames: Sequence[FrameValues]) -> list[Limit]:
-    """Return limits on what cones read; without rays at the start none may appear."""
-    limits = []
-    for name in ("samples", "rays"):
-        start = float(np.mean([getattr(each, name) for each in frames]))
-        limits.append(
-            Limit(name=name, scene=scene, start=start, allowance=max(COST_SHARE * start, 1e-9))
-        )
-    return limits
+    """Return the limit on what cones take: samples and rays together, by their times."""
+    start = float(np.mean([each.work for each in frames]))
+    allowance = max(COST_SHARE * start, 1e-9)
+    return [Limit(name="work", scene=scene, start=start, allowance=allowance)]
 
 
 def half_width(values: Sequence[float]) -> float:

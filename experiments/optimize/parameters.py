@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
+from vctgi.clipmap.texel_choice import Filtering
 from vctgi.config import RenderConfig
 
 
@@ -213,6 +214,15 @@ def _write_traced_once(config: RenderConfig, value: float) -> RenderConfig:
     return replace(config, reconstruction=replace(config.reconstruction, is_traced_once=is_once))
 
 
+def _read_filtering(config: RenderConfig) -> float:
+    return get_args(Filtering).index(config.diffuse.march.filtering)
+
+
+def _write_filtering(config: RenderConfig, value: float) -> RenderConfig:
+    march = replace(config.diffuse.march, filtering=get_args(Filtering)[round(value)])
+    return replace(config, diffuse=replace(config.diffuse, march=march))
+
+
 CHOICES = {
     each.name: each
     for each in (
@@ -245,6 +255,16 @@ CHOICES = {
             write=_write_traced_once,
             scale=1.0,
             options=(0, 1),
+        ),
+        Parameter(
+            name="filtering",
+            low=0,
+            high=2,
+            reason=f"in the order of {', '.join(get_args(Filtering))}",
+            read=_read_filtering,
+            write=_write_filtering,
+            scale=1.0,
+            options=(0, 1, 2),
         ),
     )
 }

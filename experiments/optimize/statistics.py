@@ -11,6 +11,19 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from experiments.optimize.target import Array, Target
+from vctgi.clipmap.texel_choice import Filtering
+
+FILTERING_WORK: dict[Filtering, float] = {
+    "linear": 1.0,
+    "random_level": 0.53,
+    "random_texel": 0.13,
+}
+"""Time of a sample over that of one that interpolates, from the kernels of "medium" in Sponza on an
+NVIDIA H200 (docs/decisions/0022)."""
+
+RAY_WORK = 10.0
+"""Time of a near-field ray over that of such a sample: 0.71 ns and 70 ps of "high" there. It has no
+units for rays; where a GPU has them, rays cost less, and equal work is less time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,7 +31,7 @@ class FrameCost:
     """What a frame's diffuse cones read, for each pixel."""
 
     samples: float
-    """Samples of the voxels."""
+    """Samples of the voxels, counted in samples that interpolate (`FILTERING_WORK`)."""
     rays: float
     """Real rays of the near field."""
 
@@ -36,16 +49,21 @@ class FrameValues:
     missing_energy: float
     """Light that is missing, over all light of the reference."""
     samples: float
-    """Samples of the voxels for each pixel."""
+    """Samples of the voxels for each pixel, counted in samples that interpolate."""
     rays: float
     """Real rays of the near field for each pixel."""
+
+    @property
+    def work(self) -> float:
+        """Both, counted in samples that interpolate, in proportion to their times."""
+        return self.samples + RAY_WORK * self.rays
 
     def to_json(self) -> dict[str, float]:
         """Return the numbers by name."""
         return asdict(self)
 
 
-SLOPE_NAMES = ("dark_excess", "missing_energy", "samples", "rays")
+SLOPE_NAMES = ("dark_excess", "missing_energy", "work")
 """Numbers of a frame that limits are set on, and whose derivatives are kept."""
 
 
@@ -147,7 +165,6 @@ def frame_slopes(
         limited={
             "dark_excess": dark,
             "missing_energy": missing,
-            "samples": cost_slopes[0],
-            "rays": cost_slopes[1],
+            "work": cost_slopes[0] + RAY_WORK * cost_slopes[1],
         },
     )

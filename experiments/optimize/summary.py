@@ -12,8 +12,7 @@ from experiments.optimize.run import FitResult
 LIMIT_TITLES = {
     "dark_excess": "light leaking",
     "missing_energy": "over-occlusion",
-    "samples": "samples of voxels",
-    "rays": "near-field rays",
+    "work": "samples and rays",
 }
 
 

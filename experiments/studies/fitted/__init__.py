@@ -92,13 +92,14 @@ def _compared(scene: str, preset: str, kind: str) -> Check:
     )
     if kind == "error":
         return replace(check, goal=LEAST_GAIN, is_headline=True)
-    return replace(check, limit_high=MOST_COST if kind in ("samples", "rays") else None, goal=1.0)
+    return replace(check, limit_high=MOST_COST if kind == "work" else None, goal=1.0)
 
 
 COMPARED = {
     "error": f"relMSE over that of {PRESET}",
     "samples": f"samples of voxels over those of {PRESET}",
     "rays": f"near-field rays over those of {PRESET}",
+    "work": f"samples and rays by their times over those of {PRESET}",
     "milliseconds": f"time of gathering over that of {PRESET}",
 }
 

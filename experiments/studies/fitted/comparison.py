@@ -11,6 +11,7 @@ import vctgi
 from experiments.optimize.findings import Measured as Ratio
 from experiments.optimize.findings import gathering_times, ratio_of_means
 from experiments.optimize.frames import FrameSource
+from experiments.optimize.statistics import RAY_WORK
 from experiments.studies.check import StudyContext
 from experiments.studies.fitted.budget import EFFORT, PRESET, study_view
 
@@ -27,7 +28,10 @@ class Comparison:
     error
         `relmse_e2` of indirect diffuse light, mean of frames over mean of frames.
     samples, rays
-        What cones read; not a number where neither reads any.
+        What cones read, samples counted in those that interpolate; not a number where neither reads
+        any.
+    work
+        Both together, by their times on an H200.
     milliseconds
         Median times of gathering.
     """
@@ -35,6 +39,7 @@ class Comparison:
     error: Ratio
     samples: float
     rays: float
+    work: float
     milliseconds: float
 
 
@@ -58,13 +63,20 @@ def _comparison(context: StudyContext, scene: str, preset: str) -> Comparison:
             errors[which].append(view.target.error(picture.image))
             samples[which].append(picture.cost.samples)
             rays[which].append(picture.cost.rays)
+    work = (_work(samples[0], rays[0]), _work(samples[1], rays[1]))
     before, after = gathering_times(view, configs, source)
     return Comparison(
         error=ratio_of_means(errors[1], errors[0]),
         samples=_ratio(samples),
         rays=_ratio(rays),
+        work=_ratio(work),
         milliseconds=after / before,
     )
+
+
+def _work(samples: Sequence[float], rays: Sequence[float]) -> list[float]:
+    """Return what frames take, from what they read."""
+    return [read + RAY_WORK * traced for read, traced in zip(samples, rays, strict=True)]
 
 
 def _ratio(pair: tuple[Sequence[float], Sequence[float]]) -> float:

@@ -57,8 +57,7 @@ class Parabolas:
             limited={
                 "dark_excess": np.array([0.0, 0.1]),
                 "missing_energy": np.zeros(2),
-                "samples": np.array([10.0, 0.0]),
-                "rays": np.zeros(2),
+                "work": np.array([10.0, 0.0]),
             },
         )
 
