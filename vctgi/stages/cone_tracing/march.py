@@ -16,6 +16,7 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
+from vctgi.clipmap.texel_choice import TexelChoice
 from vctgi.stages.cone_tracing.live_march import AnyMarch
 from vctgi.stages.cone_tracing.march_config import ConeMarchConfig as ConeMarchConfig
 from vctgi.stages.cone_tracing.march_derivative import differentiated_march, has_derivatives
@@ -46,8 +47,8 @@ def march_cone(
     ----------
     volume
         Opacity and emittance to march through, `VoxelVolume.choosing` texels where
-        `config.filtering` wants that. Where anything has derivatives all is interpolated: the
-        choice of a texel has none.
+        `config.filtering` wants that. Where anything has derivatives single texels are not
+        chosen but interpolated: the choice of one has none.
     apex
         World points where the cones start.
     axis
@@ -89,5 +90,7 @@ def march_cone(
     t = dr.maximum(t_begin, t_start) + full
     cone = ConeRay(apex, axis, cone_ratio, t_end)
     if has_derivatives(volume, cone, t, phase, config):
-        return differentiated_march(volume.choosing(None), cone, t, phase + full, active, config)
+        if volume.choice is not None and volume.choice.offset is not None:
+            volume = volume.choosing(TexelChoice(volume.choice.level, None))
+        return differentiated_march(volume, cone, t, phase + full, active, config)
     return run_march(volume, cone, t, phase + full, active, config)

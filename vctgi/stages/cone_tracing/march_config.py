@@ -44,7 +44,7 @@ class ConeMarchConfig:
     """What a sample reads: "linear" interpolates between the texels around it and between two
     levels; "random_level" reads the level that a random number of the cone chooses, half as many
     texels; "random_texel" also one texel of each axis in place of eight. The same in the mean
-    where a step stops little; derivatives are always those of "linear"."""
+    where a step stops little. Derivatives of "random_texel" are those of "random_level"."""
     weights: WeightRule = "projected"
     """How much each of the three slots counts that face a ray of direction d: "projected" |d|,
     "squared" d^2, or "normalised" |d| over its sum."""

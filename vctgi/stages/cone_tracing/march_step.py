@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import drjit as dr
 import mitsuba as mi
@@ -128,19 +128,36 @@ def step_at(
 
 
 def _of_levels(read: Callable[[mi.UInt32], Read], volume: VoxelVolume, level: mi.Float) -> Read:
-    """Read at a fractional level: the two around it in proportion, or one that is chosen."""
-    last = volume.layout.last_read_level
-    if volume.choice is not None:
-        return read(dr.minimum(mi.UInt32(level + volume.choice.level), last))
+    """Read at a fractional level: the two around it in proportion, or one that is chosen.
+
+    The derivative of what is chosen by the level is that of its mean: the difference of the two.
+    """
+    last, choice = volume.layout.last_read_level, volume.choice
     finer = dr.minimum(mi.UInt32(level), max(last - 1, 0))
     coarser = dr.minimum(finer + 1, last)
-    blend = level - mi.Float(finer)
-    near, far = read(finer), read(coarser)
-    parts = []
-    for part in fields(near):
-        a, b = getattr(near, part.name), getattr(far, part.name)
-        parts.append(dr.lerp(a, b, as_component(blend) if isinstance(a, mi.Color3f) else blend))
-    return type(near)(*parts)
+    if choice is None:
+        return _mixed(read(finer), read(coarser), level - mi.Float(finer))
+    found = read(dr.minimum(mi.UInt32(level + choice.level), last))
+    if not dr.grad_enabled(level):
+        return found
+    with dr.suspend_grad():  # type: ignore[no-untyped-call]
+        near, far = read(finer), read(coarser)
+    moved = level - dr.detach(level)
+    parts = (getattr(each, part.name) for part in fields(found) for each in (found, near, far))
+    triples = zip(parts, parts, parts, strict=True)
+    return type(found)(*(own + _wide(moved, own) * (b - a) for own, a, b in triples))
+
+
+def _mixed(near: Read, far: Read, blend: mi.Float) -> Read:
+    """Return what lies between two reads."""
+    names = [part.name for part in fields(near)]
+    pairs = [(getattr(near, name), getattr(far, name)) for name in names]
+    return type(near)(*(dr.lerp(a, b, _wide(blend, a)) for a, b in pairs))
+
+
+def _wide(weight: mi.Float, value: mi.Float | mi.Color3f) -> Any:
+    """Return a weight that multiplies a number or a colour, for type checkers."""
+    return as_component(weight) if isinstance(value, mi.Color3f) else weight
 
 
 def level_read(
