@@ -17,13 +17,14 @@ from experiments.bench.walks import CAMERA, LIGHTS, STILL, TURN_FRAMES, Walk
 from experiments.scenes import load_scene
 from reports.bench_record import Rates
 from vctgi.clipmap.stored_directions import SIX
+from vctgi.clipmap.texel_choice import Filtering
 from vctgi.clipmap.texture import build_texture
 from vctgi.clipmap.unpacking import unpack_level
 
 pytestmark = pytest.mark.usefixtures("variant")
 
-TAPS_PER_SAMPLE = 48
-"""Two levels, three axes, two layers, four texels."""
+TAPS_PER_SAMPLE: dict[Filtering, int] = {"linear": 48, "random_level": 24, "random_texel": 3}
+"""Two levels, three axes, two layers, four texels; one level; one texel of each axis."""
 
 SMALL_SHARE = 1e-3
 """Of the largest texel: places in a texture are rounded to single precision."""
@@ -31,21 +32,24 @@ SMALL_SHARE = 1e-3
 SMALL = BenchOptions(frames=1, resolution=16, level_count=2)
 
 
-def walk(kind: str, scene: str = "cornell_box") -> Walk:
+def walk(kind: str, scene: str = "cornell_box", filtering: Filtering = "random_level") -> Walk:
     loaded = load_scene(scene, resolution=(12, 8))
     config = bench_config(vctgi.preset("medium"), SMALL)
-    config = replace(config, diffuse=replace(config.diffuse, near_field_voxels=0.0))
+    march = replace(config.diffuse.march, filtering=filtering)
+    diffuse = replace(config.diffuse, near_field_voxels=0.0, march=march)
+    config = replace(config, diffuse=diffuse)
     return Walk(vctgi.prepare_scene(loaded.scene, loaded.scene.sensors()[0], config), config, kind)
 
 
-def test_reads_are_those_of_the_samples() -> None:
-    still = walk(STILL)
+@pytest.mark.parametrize("filtering", TAPS_PER_SAMPLE)
+def test_reads_are_those_of_the_samples(filtering: Filtering) -> None:
+    still = walk(STILL, filtering=filtering)
     volume, take_count = counting(still.volume)
     clock = KernelClock(take_count)
     with clock.watched() as work:
         tally = still.count(volume, clock)
     assert tally.gathering.sample_count > 0
-    assert work[TRACING].reads == TAPS_PER_SAMPLE * tally.gathering.sample_count
+    assert work[TRACING].reads == TAPS_PER_SAMPLE[filtering] * tally.gathering.sample_count
 
 
 def test_a_bare_fetch_reads_every_texel_of_a_power_of_two() -> None:

@@ -4,7 +4,7 @@ A linear interpolation is the mean of reading one texel, chosen with the probabi
 [Hofmann2021, Fajardo2023]. A cone keeps its choice all along: its place within the voxels is moved
 by one random offset, and the level that it reads by one random share, so that it meets a wall
 wherever the wall stands, as a ray somewhere within the cone would. What is chosen for the cones of
-a point is shared out among them, evenly by the numbers of Kronecker sequences [Roberts2018].
+a point is shared out among them, evenly by Kronecker sequences [Roberts2018].
 
 References
 ----------
@@ -15,6 +15,7 @@ Stochastic texture filtering. [Roberts2018] as in `vctgi.maths.directions`.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -31,8 +32,12 @@ the two; "random_texel" the one texel of each axis that a cone's random offset c
 LEVEL_STREAM, OFFSET_STREAM = 700, 701
 """Hash streams of the share that chooses levels and, from the second on, of the offsets."""
 
-FOUR_DIMENSIONAL_ROOT = 1.16730397826141868426
-"""Root of x^5 = x + 1, the base of the four-dimensional Kronecker sequence."""
+LEVEL_TURN = math.sqrt(2.0) - 1.0
+"""Step from one cone of a point to the next in what chooses its level: not the golden ratio, which
+shares out places in rings."""
+
+OFFSET_ROOT = 1.22074408460575947536
+"""Root of x^4 = x + 1, the base of the three-dimensional Kronecker sequence."""
 
 
 @dataclass
@@ -69,13 +74,15 @@ def random_choice(
     if filtering == "linear":
         return None
 
-    def shared_out(axis: int, stream: int) -> mi.Float:
-        turn = random_unit(sample_index, stream)
-        turn = turn + mi.Float(number) * FOUR_DIMENSIONAL_ROOT ** -(axis + 1)
-        return mi.Float(turn - dr.floor(turn))
+    def shared_out(stream: int, turn: float) -> mi.Float:
+        place = random_unit(sample_index, stream) + mi.Float(number) * turn
+        return mi.Float(place - dr.floor(place))
 
-    level = shared_out(0, LEVEL_STREAM)
+    level = shared_out(LEVEL_STREAM, LEVEL_TURN)
     if filtering == "random_level":
         return TexelChoice(level, None)
-    offset = [as_component(shared_out(1 + k, OFFSET_STREAM + k)) for k in range(3)]
+    offset = [
+        as_component(shared_out(OFFSET_STREAM + axis, OFFSET_ROOT ** -(axis + 1)))
+        for axis in range(3)
+    ]
     return TexelChoice(level, mi.Point3f(offset))

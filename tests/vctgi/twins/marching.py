@@ -24,8 +24,12 @@ def march(
     ratio: float,
     phase: float,
     config: ConeMarchConfig,
+    choice: tuple[float, np.ndarray | None] | None = None,
 ) -> tuple[np.ndarray, float, int]:
-    """Return radiance, transmittance and the number of steps."""
+    """Return radiance, transmittance and the number of steps.
+
+    A choice is the number that chooses levels, and the offset that chooses texels.
+    """
     layout = volume.layout
     begin, end = march_range(layout, apex, axis, ratio)
     voxel_size = layout.finest_voxel_size
@@ -48,7 +52,7 @@ def march(
         phase = 1.0
         place = t + config.sample_place * step
         point = apex + place * axis
-        stopped, seen = step_at(volume, point, axis, ratio * place, step, config)
+        stopped, seen = step_at(volume, point, axis, ratio * place, step, config, choice)
         radiance += transmittance * seen
         transmittance *= 1.0 - stopped
         t += step
@@ -63,8 +67,9 @@ def step_at(
     footprint: float,
     step: float,
     config: ConeMarchConfig,
+    choice: tuple[float, np.ndarray | None] | None = None,
 ) -> tuple[float, np.ndarray]:
-    """Return what a step stops and adds, from the two levels around a footprint."""
+    """Return what a step stops and adds, from the two levels around a footprint, or one of them."""
     layout = volume.layout
     last = len(layout.levels) - 1
     wanted = math.log2(footprint / layout.finest_voxel_size) + config.level_bias
@@ -75,6 +80,15 @@ def step_at(
     for each in (finer, min(finer + 1, last)):
         back = config.pull_back_voxels * layout.levels[each].voxel_size
         reads.append(read(volume, each, point - back * axis, axis, config))
+    if choice is not None:
+        chosen = min(int(level + choice[0]), last)
+        back = config.pull_back_voxels * layout.levels[chosen].voxel_size
+        place = point - back * axis
+        if choice[1] is not None:
+            # The middle of the chosen voxel, where a linear read gives it alone.
+            size = layout.levels[chosen].voxel_size
+            place = size * (np.floor(place / size - 0.5 + choice[1]) + 0.5)
+        reads = [read(volume, chosen, place, axis, config)] * 2
     (near, near_color), (far, far_color) = reads
     value = (1.0 - blend) * near + blend * far
     color = (1.0 - blend) * near_color + blend * far_color
