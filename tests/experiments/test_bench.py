@@ -49,7 +49,12 @@ def test_reads_are_those_of_the_samples(filtering: Filtering) -> None:
     with clock.watched() as work:
         tally = still.count(volume, clock)
     assert tally.gathering.sample_count > 0
-    assert work[TRACING].reads == TAPS_PER_SAMPLE[filtering] * tally.gathering.sample_count
+    most = TAPS_PER_SAMPLE[filtering] * tally.gathering.sample_count
+    if filtering == "random_texel":
+        # Voxels outside of the window are not asked for.
+        assert 0.8 * most < work[TRACING].reads <= most
+    else:
+        assert work[TRACING].reads == most
 
 
 def test_a_bare_fetch_reads_every_texel_of_a_power_of_two() -> None:

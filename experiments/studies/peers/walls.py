@@ -17,6 +17,7 @@ from experiments.studies.check import Check, Measured, StudyContext, mean_of
 from vctgi.clipmap.addressing import texel_from_voxel
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap, VoxelVolume, pack_volume
+from vctgi.clipmap.texel_choice import random_choice
 from vctgi.config import PRESETS
 from vctgi.maths.cones import ratio_from_aperture
 from vctgi.maths.directions import DIRECTION_COUNT
@@ -167,8 +168,10 @@ def _cross(volume: VoxelVolume, layer: int, diffuse: DiffuseConesConfig) -> tupl
         far = min(far, diffuse.march.max_footprint_voxels / ratio - 1.0)
     away = near + (far - near) * (np.arange(DISTANCE_COUNT) + 0.5) / DISTANCE_COUNT
     x = dr.maximum(mi.Float(np.float32(layer - away)), -0.5 * RESOLUTION)
+    lane = dr.arange(mi.UInt32, DISTANCE_COUNT)
+    choice = random_choice(lane, dr.zeros(mi.UInt32, DISTANCE_COUNT), diffuse.march.filtering)
     traced = march_cone(
-        volume,
+        volume.choosing(choice),
         mi.Point3f(x, 0.3, -0.2),
         dr.zeros(mi.Vector3f, DISTANCE_COUNT) + mi.Vector3f(1.0, 0.0, 0.0),
         dr.full(mi.Float, ratio, DISTANCE_COUNT),
