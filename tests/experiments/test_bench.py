@@ -51,8 +51,8 @@ def test_reads_are_those_of_the_samples(filtering: Filtering) -> None:
     assert tally.gathering.sample_count > 0
     most = TAPS_PER_SAMPLE[filtering] * tally.gathering.sample_count
     if filtering == "random_texel":
-        # Voxels outside of the window are not asked for.
-        assert 0.8 * most < work[TRACING].reads <= most
+        # Voxels outside of the window are not asked for, and this one is small.
+        assert 0.5 * most < work[TRACING].reads <= most
     else:
         assert work[TRACING].reads == most
 
