@@ -151,6 +151,24 @@ def test_weights_are_those_of_an_8_bit_fraction_on_a_gpu_and_single_precision_el
     assert weight_error(texture) == pytest.approx(3 * 2.0**-9 * is_gpu + rounding)
 
 
+def test_a_volume_in_a_texture_can_be_recorded() -> None:
+    texture, _ = both(6)
+    levels = dr.zeros(mi.UInt32, 8)
+    ways = mi.Vector3f(dr.full(mi.Float, 1.0, 8), 0.0, 0.0)
+
+    @dr.freeze
+    def extinction(volume: VoxelVolume, points: mi.Point3f) -> mi.Float:
+        return read_medium(volume, levels, points, ways).extinction
+
+    found = []
+    for shift in (0.0, 0.3, 0.6):
+        points = mi.Point3f(texture.layout.centre) + dr.arange(mi.Float, 8) * 0.2 + shift
+        expected = read_medium(texture, levels, points, ways).extinction
+        found.append(np.array(extinction(texture, points)))
+        np.testing.assert_array_equal(found[-1], np.array(expected))
+    assert not np.array_equal(found[0], found[2])
+
+
 def test_slabs_stand_one_behind_the_other() -> None:
     starts, depth = stack_slabs([64, 64, 32], 6)
     assert starts == [0, 6 * 66, 12 * 66]
