@@ -12,7 +12,7 @@ from typing import Final
 from experiments.clocks import REPETITIONS, Clocks
 from experiments.studies.check import Check, Measured, RefusedError, StudyContext
 from experiments.studies.pareto.bench import Bench, Result, bench_of, has_denoiser
-from experiments.studies.pareto.cone_frames import CAMERA, LIGHTS, STILL
+from experiments.studies.pareto.cone_frames import FRAMES, STILL
 from experiments.studies.pareto.figures import draw
 from experiments.studies.pareto.methods import DENOISED, HIGH, PATHS, PRESET_NAMES
 from experiments.studies.pareto.trade_off import (
@@ -43,8 +43,6 @@ SLOPE_LIMITS: Final = (-1.15, -0.85)
 
 MOST_ENERGY_ERROR: Final = 0.03
 """Of path tracing at its most samples: what is left of its noise, but no other transport."""
-
-FRAMES: Final = (STILL, CAMERA, LIGHTS)
 
 CONFIGURATION = "indirect light of two scatterings; still frames by the device's clock"
 MILLISECONDS: Final = 1e3
@@ -129,7 +127,7 @@ def _check(
     def measure(context: StudyContext) -> Measured:
         source = (context.scene or "corridor") if scene == CHOSEN else scene
         bench = bench_of(context, source)
-        draw(context.shelf, bench)
+        context.once(f"charts of {source}", lambda: draw(context.shelf, bench))
         try:
             return read(bench)
         except ValueError as error:
