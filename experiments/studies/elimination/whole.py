@@ -26,7 +26,7 @@ LEAST_GAIN = 3.0
 MOST_LOSS = 1.02
 """What a frame of the scene that needs all may cost, over one that leaves nothing out."""
 
-WHOLE_TURNS, QUICK_WHOLE_TURNS = 25, 5
+WHOLE_TURNS, QUICK_WHOLE_TURNS = 25, 8
 """Frames of each kind that are timed, at least."""
 
 LEVELS_NEEDED = 4

@@ -31,16 +31,16 @@ WHAT_IS_DONE = {
 
 MILLISECONDS = 1e3
 
-DEVICE, WALL, COMPILE = "device", "wall", "first frame less device"
+CLOCKS = ("device", "wall", "compile")
 ERRORS = ("relMSE", "FLIP", "energy")
 
 
 def draw(shelf: FigureShelf, bench: Bench) -> None:
-    """Keep the charts and the table of a scene."""
+    """Keep the charts and the tables of a scene."""
     results = sorted(bench.results.values(), key=lambda each: FAMILIES.index(each.method.family))
     for kind in FRAMES:
         _draw_frames(shelf, bench.loaded.title, results, kind)
-    _write_table(shelf, bench.loaded.title, results)
+    _write_tables(shelf, bench.loaded.title, results)
 
 
 def _draw_frames(shelf: FigureShelf, group: str, results: list[Result], kind: str) -> None:
@@ -84,41 +84,44 @@ def _panel(label: str, results: list[Result], kind: str, errors: list[Measured])
     )
 
 
-def _write_table(shelf: FigureShelf, group: str, results: list[Result]) -> None:
-    """Keep a line for each method: its three clocks for each kind of frame, and its errors."""
-    columns = [f"{kind}, {clock}" for kind in FRAMES for clock in (DEVICE, WALL, COMPILE)]
-    lines = []
-    for each in results:
-        cells: dict[str, Bounded] = {}
-        for kind, clocks in each.clocks.items():
-            cells |= {f"{kind}, {name}": found for name, found in _times(clocks).items()}
-        errors = (each.score.relmse, each.score.flip, each.score.energy)
-        lines.append(
-            TableLine(
-                name=each.method.name,
-                cells=[*(cells.get(name) for name in columns), *map(_bounded, errors)],
+def _write_tables(shelf: FigureShelf, group: str, results: list[Result]) -> None:
+    """Keep a line for each method: three clocks and the errors of still frames, then the others."""
+    kinds = {"still frames": (STILL,), "moving frames": (CAMERA, LIGHTS)}
+    for title, shown in kinds.items():
+        errors = ERRORS if STILL in shown else ()
+        columns = [f"{kind}, {clock}" for kind in shown for clock in CLOCKS]
+        lines = []
+        for each in results:
+            cells = {
+                f"{kind}, {clock}": found
+                for kind in shown
+                if kind in each.clocks
+                for clock, found in zip(CLOCKS, _times(each.clocks[kind]), strict=True)
+            }
+            found = (each.score.relmse, each.score.flip, each.score.energy)[: len(errors)]
+            known = [*(cells.get(name) for name in columns), *map(_bounded, found)]
+            lines.append(TableLine(name=each.method.name, cells=known))
+        shelf.add(
+            TableFigure(
+                group=group,
+                title=f"All methods, {title}",
+                caption=f"Times in ms: median and quartiles of {REPETITIONS} warm frames; compile: "
+                "the first frame less its device time, for tracing and for compiling what no "
+                "method before had compiled. Errors with 95 % intervals.",
+                line_label="method",
+                columns=[*columns, *errors],
+                lines=lines,
             )
         )
-    shelf.add(
-        TableFigure(
-            group=group,
-            title="All methods",
-            caption=f"Times in ms: median and quartiles of {REPETITIONS} warm frames. The first "
-            "frame less its device time is what tracing took, and compiling of what no method "
-            "before had compiled. Errors with 95 % intervals.",
-            line_label="method",
-            columns=[*columns, *ERRORS],
-            lines=lines,
-        )
+
+
+def _times(clocks: Clocks) -> tuple[Bounded, ...]:
+    """Return milliseconds by each of `CLOCKS`."""
+    return (
+        _bounded(clocks.device(), MILLISECONDS),
+        _bounded(clocks.wall(), MILLISECONDS),
+        Bounded(value=MILLISECONDS * clocks.compile),
     )
-
-
-def _times(clocks: Clocks) -> dict[str, Bounded]:
-    return {
-        DEVICE: _bounded(clocks.device(), MILLISECONDS),
-        WALL: _bounded(clocks.wall(), MILLISECONDS),
-        COMPILE: Bounded(value=MILLISECONDS * clocks.compile),
-    }
 
 
 def _bounded(found: Measured, scale: float = 1.0) -> Bounded:

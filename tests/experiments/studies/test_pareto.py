@@ -202,11 +202,13 @@ def test_charts_and_table_show_every_method(few: dict[str, Result], box: LoadedS
     shelf = FigureShelf()
     draw(shelf, Bench(box, few, NoiseFloor(value=1e-3, upper=2e-3, samples_per_pixel=64)))
     charts = [each for each in shelf.figures if isinstance(each, ScatterFigure)]
-    (table,) = [each for each in shelf.figures if isinstance(each, TableFigure)]
+    still, moving = (each for each in shelf.figures if isinstance(each, TableFigure))
     assert len(charts) == len(FRAMES)
     assert all({p.name for p in panel.points} == set(few) for c in charts for panel in c.panels)
-    assert {line.name for line in table.lines} == set(few)
-    assert all(cell is not None for line in table.lines for cell in line.cells)
+    assert len(still.columns) == len(moving.columns) == 6
+    for table in (still, moving):
+        assert {line.name for line in table.lines} == set(few)
+        assert all(cell is not None for line in table.lines for cell in line.cells)
 
 
 @pytest.mark.parametrize(
