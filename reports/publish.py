@@ -19,7 +19,7 @@ from reports.study_page import PAGE_NAME, study_files, study_page
 
 ACCURACY_NAME, SHEET_NAME = "accuracy.html", "sheet.jpg"
 
-MOST_BYTES = 3 * 2**20
+MOST_BYTES = 4 * 2**20
 """Of the whole snapshot: it stays in the history of the repository for ever."""
 
 SHEET_WIDTH = 120
