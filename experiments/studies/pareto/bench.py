@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.util import find_spec
 from typing import Final, cast
@@ -27,6 +27,7 @@ from experiments.studies.pareto.cone_frames import (
 )
 from experiments.studies.pareto.methods import (
     DENOISED,
+    HIGH,
     OURS,
     Method,
     cone_methods,
@@ -38,7 +39,7 @@ from vctgi.config import LEAST_SCATTERING_COUNT, RenderConfig
 from vctgi.pipeline import Frame
 
 QUICK_EDGE: Final = 32
-EDGES: Final = {"llvm_ad_rgb": 64, "cuda_ad_rgb": 256}
+EDGES: Final = {"llvm_ad_rgb": 48, "cuda_ad_rgb": 256}
 """Longer edge of the pictures, pixels, in the quick study and in the whole one."""
 
 FIRST_NOISE: Final = 1e-2
@@ -73,11 +74,24 @@ IMPORT_NAME: Final = "pyoidn"
 
 @dataclass(frozen=True)
 class Result:
-    """One method's times by kind of frame, and its errors."""
+    """One method's times by kind of frame, and its errors.
+
+    Attributes
+    ----------
+    method
+        Which.
+    clocks
+        By kind of frame.
+    score
+        Errors of still frames.
+    parts
+        Of "high", whose moving frames are timed as a whole: the sum of their parts.
+    """
 
     method: Method
     clocks: dict[str, Clocks]
     score: Score
+    parts: dict[str, Clocks] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -140,6 +154,7 @@ class _Kept:
     clocks: dict[tuple[str, str], Clocks]
     pictures: dict[str, list[np.ndarray]]
     has_moving: bool
+    parts: dict[str, Clocks] = field(default_factory=dict)
 
     def take(self, jobs: dict[tuple[str, str], Job]) -> None:
         self.clocks |= {key: job.clocks for key, job in jobs.items()}
@@ -210,11 +225,11 @@ def run_methods(
     found = {each.name: each for each in (*cones, *paths)}
     truth, noise = _find_truth(context, loaded, kept.pictures, found)
     scores = score_all(kept.pictures, truth)
-    return Bench(
-        loaded,
-        {name: Result(method, kept.of(name), scores[name]) for name, method in found.items()},
-        noise,
-    )
+    results = {
+        name: Result(method, kept.of(name), scores[name], kept.parts if name == HIGH else {})
+        for name, method in found.items()
+    }
+    return Bench(loaded, results, noise)
 
 
 def _time_cones(
@@ -227,8 +242,8 @@ def _time_cones(
 ) -> None:
     """Time the methods that gather from the same voxels, and what moving frames do before that.
 
-    Moving frames of the presets are timed as a whole; those of the others are the sum of the two
-    parts, which run one after the other.
+    A moving frame is the sum of two parts, which run one after the other: voxels brought up to
+    date, and cones gathering. Frames of "high" are timed as a whole, too.
 
     Parameters
     ----------
@@ -255,19 +270,22 @@ def _time_cones(
                 kept.pictures.setdefault(each.name, []).append(image)
 
         jobs[method.name, STILL] = Job(method.name, lit.still(config), keep)
-        if method.family == OURS and kept.has_moving:
+        if method.name == HIGH and kept.has_moving:
             jobs[method.name, LIGHTS] = Job(method.name, lit.moving_lights(config))
             jobs[method.name, CAMERA] = Job(method.name, lit.moving_camera(config))
     updates = {}
-    if kept.has_moving and any(each.family != OURS for each in block):
+    if kept.has_moving:
         for kind in MOVING:
             updates[kind] = Job(f"voxels, {kind}", _seedless(lit.update(kind, key)))
     time_jobs([*jobs.values(), *updates.values()], random, progress=progress)
     kept.take(jobs)
     for method in block:
         gathering = jobs[method.name, STILL].clocks
-        for kind, job in updates.items():
-            kept.clocks.setdefault((method.name, kind), job.clocks + gathering)
+        summed = {kind: job.clocks + gathering for kind, job in updates.items()}
+        if method.name == HIGH:
+            kept.parts = summed
+        for kind, clocks in summed.items():
+            kept.clocks.setdefault((method.name, kind), clocks)
 
 
 def _seedless(update: Update) -> Render:

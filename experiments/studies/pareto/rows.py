@@ -11,7 +11,7 @@ from typing import Final
 
 from experiments.clocks import REPETITIONS, Clocks
 from experiments.studies.check import Check, Measured, RefusedError, StudyContext
-from experiments.studies.pareto.bench import Bench, Result, bench_of, has_denoiser
+from experiments.studies.pareto.bench import MOVING, Bench, Result, bench_of, has_denoiser
 from experiments.studies.pareto.cone_frames import FRAMES, STILL
 from experiments.studies.pareto.figures import draw
 from experiments.studies.pareto.methods import DENOISED, HIGH, PATHS, PRESET_NAMES
@@ -65,6 +65,8 @@ def _checks(scene: str) -> list[Check]:
         _check(scene, "bias floor of high, relMSE", _floor, goal=0.0, is_headline=True),
         _check(scene, "methods on the front", _front_size),
         _check(scene, "noise of the reference, relMSE", _noise, goal=0.0),
+        *(_check(scene, f"{HIGH}, {kind}, time of whole frames over that of their parts",
+                 partial(_whole_over_parts, kind), goal=1.0) for kind in MOVING),
     ]  # fmt: skip
     for preset in PRESET_NAMES:
         found += _preset_checks(scene, preset)
@@ -213,6 +215,12 @@ def _time(preset: str, kind: str, clock: Callable[[Clocks], Measured], bench: Be
         low=MILLISECONDS * found.low,
         high=MILLISECONDS * found.high,
     )
+
+
+def _whole_over_parts(kind: str, bench: Bench) -> Measured:
+    """Return how far the sum of the parts of a moving frame, timed apart, can be trusted."""
+    result = bench.results[HIGH]
+    return ratio(result.clocks[kind].device_median(), result.parts[kind].device_median())
 
 
 def _compiling(preset: str, kind: str, bench: Bench) -> Measured:

@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from experiments.doctor import CUDA_VARIANT, LLVM_VARIANT
-from experiments.errors import MachineryError
+from experiments.errors import InputError, MachineryError
 from experiments.llvm import require_usable_llvm
 from experiments.studies.check import StudyContext
 from experiments.studies.stability.case import (
@@ -51,7 +51,7 @@ def can_compare() -> bool:
         return False
     try:
         require_usable_llvm()
-    except MachineryError:
+    except (InputError, MachineryError):
         return False
     return True
 
