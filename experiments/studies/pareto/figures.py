@@ -107,7 +107,7 @@ def _write_tables(shelf: FigureShelf, group: str, results: list[Result]) -> None
                 title=f"All methods, {title}",
                 caption=f"Times in ms: median and quartiles of {REPETITIONS} warm frames; compile: "
                 "the first frame less its device time, for tracing and for compiling what no "
-                "method before had compiled. Errors with 95 % intervals.",
+                "method before had compiled." + (" Errors with 95 % intervals." if errors else ""),
                 line_label="method",
                 columns=[*columns, *errors],
                 lines=lines,
