@@ -121,7 +121,9 @@ SMALL_TO_LARGE = st.one_of(
 SOME_POWER = st.floats(-6.0, 6.0).map(lambda power: float(10.0**power))
 POWERS = st.one_of(*[SOME_POWER] * 7, st.just(0.0))
 SHARES = st.one_of(
-    *[st.floats(0.0625, 0.9375, width=32)] * 3, st.sampled_from([0.0, 1.0]), st.floats(0.0, 1.0)
+    *[st.floats(0.0625, 0.9375, width=32)] * 3,
+    st.sampled_from([0.0, 1.0]),
+    st.floats(0.0, 1.0, width=32),
 )
 COORDINATES = st.one_of(st.sampled_from([-1.0, 0.0, 1.0]), st.floats(-3.0, 3.0, width=32))
 POINTS = st.tuples(COORDINATES, COORDINATES, COORDINATES)
