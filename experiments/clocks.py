@@ -67,6 +67,16 @@ class Clocks:
     compile: float
     warm: list[FrameTime] = field(default_factory=list)
 
+    def __add__(self, other: Clocks) -> Clocks:
+        """Return the times of frames that are made of two parts, timed apart, turn by turn."""
+        return Clocks(
+            self.compile + other.compile,
+            [
+                FrameTime(a.device + b.device, a.wall + b.wall, a.compiled + b.compiled)
+                for a, b in zip(self.warm, other.warm, strict=True)
+            ],
+        )
+
     def device(self) -> Measured:
         """Return median and quartiles, seconds."""
         return median_of([each.device for each in self.warm])
@@ -95,12 +105,15 @@ class Job:
         Takes what each timed frame returned, outside of the clock.
     clocks
         Filled by `time_jobs`.
+    warm_up
+        Makes a shorter frame by the same kernels, which warms them as well; None: `render`.
     """
 
     name: str
     render: Render
     keep: Callable[[object], None] = lambda _: None
     clocks: Clocks = field(default_factory=lambda: Clocks(0.0))
+    warm_up: Render | None = None
 
 
 def timed_frame(render: Render, seed: int) -> tuple[FrameTime, object]:
@@ -155,7 +168,7 @@ def time_jobs(
 def _warm_up(job: Job) -> None:
     warm = 0
     for number in range(MOST_FRAMES):
-        frame, _ = timed_frame(job.render, number)
+        frame, _ = timed_frame(job.warm_up or job.render, number)
         if number == 0:
             job.clocks = Clocks(max(frame.wall - frame.device, 0.0))
         warm = 0 if frame.compiled else warm + 1

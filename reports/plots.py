@@ -164,4 +164,28 @@ def page_svg(figure: Figure, panels: Axes | Sequence[Axes], key: str) -> str:
     body = re.sub(r'(<\w+ )id="', rf'\1id="{key}-', body)
     body = body.replace('xlink:href="#', f'href="#{key}-').replace("url(#", f"url(#{key}-")
     body = re.sub(r"font-family: [^;]*;", "", body).replace(INK, "currentColor")
-    return f"<svg {view_box.group()}>{body.strip()}"
+    return f"<svg {view_box.group()}>{_compact(body, key)}"
+
+
+NAMED = ("point", "line", "label")
+"""Parts of a chart whose names others ask for, as the drawing code gives them, with a number."""
+
+
+def _compact(body: str, key: str) -> str:
+    """Return an SVG's content without names that nothing asks for, blanks, and needless digits."""
+    used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', body))
+
+    def name(found: re.Match[str]) -> str:
+        rest = found.group(1).removeprefix(f"{key}-")
+        kept = found.group(1) in used or re.match(rf"(?:{'|'.join(NAMED)})-\d", rest)
+        return found.group() if kept else ""
+
+    body = re.sub(r' id="([^"]*)"', name, body)
+    body = re.sub(r' (?:d|x|y|transform)="[^"]*"', _rounded, body)
+    body = re.sub(r">\s+<", "><", body)
+    return re.sub(r"\s*\n\s*", " ", body).strip()
+
+
+def _rounded(attribute: re.Match[str]) -> str:
+    """Return places to a hundredth of a pixel."""
+    return re.sub(r"(\.\d\d)\d+", r"\1", attribute.group())

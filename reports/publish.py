@@ -13,16 +13,13 @@ from pathlib import Path
 
 from reports.accuracy import accuracy_report
 from reports.markdown import markdown_summary
-from reports.scatter_plot import scatter_file
 from reports.sheet import write_sheet
-from reports.study_figures import ScatterFigure
-from reports.study_markdown import SUMMARY_NAME, study_summary
+from reports.study_markdown import SUMMARY_NAME, study_summary, summary_charts
 from reports.study_page import PAGE_NAME, study_files, study_page
-from reports.study_record import read_study
 
 ACCURACY_NAME, SHEET_NAME = "accuracy.html", "sheet.jpg"
 
-MOST_BYTES = 3 * 2**20
+MOST_BYTES = 4 * 2**20
 """Of the whole snapshot: it stays in the history of the repository for ever."""
 
 SHEET_WIDTH = 120
@@ -64,10 +61,7 @@ def publish(report: Path, studies: Path, output: Path) -> list[Path]:
             f"## Accuracy\n\n{markdown_summary(records)}\n## Studies\n\n{study_summary(found)}"
         ),
     }
-    for path in found:
-        for figure in read_study(path).figures:
-            if isinstance(figure, ScatterFigure):
-                pages[f"{figure.key}.svg"] = scatter_file(figure)
+    pages |= summary_charts(found)
     size = sum(len(text.encode()) for text in pages.values())
     if size > MOST_BYTES:
         raise ValueError(

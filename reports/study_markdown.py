@@ -7,11 +7,15 @@ from pathlib import Path
 
 from reports.headline import number
 from reports.markdown import MARKUP
-from reports.study_figures import Bounded, TableFigure
+from reports.scatter_plot import scatter_file
+from reports.study_figures import Bounded, ScatterFigure, TableFigure
 from reports.study_record import StudyRecord, StudyRow, read_study
 
 MOST_ROWS = 40
 """Of a study; the page has the others."""
+
+MOST_LINES = 12
+"""Of a table, likewise."""
 
 SUMMARY_NAME = "summary.md"
 
@@ -30,6 +34,44 @@ def study_summary(paths: Sequence[Path]) -> str:
         )
     records = [(path, read_study(path)) for path in sorted(paths)]
     return "\n".join(_part(path, record) for path, record in records)
+
+
+def write_summary(paths: Sequence[Path], folder: Path) -> Path:
+    """Write the summary and the charts that it shows beside it; return its path.
+
+    Raises
+    ------
+    ValueError
+        As `study_summary`.
+    """
+    text = study_summary(paths)
+    for name, chart in summary_charts(paths).items():
+        (folder / name).write_text(chart, encoding="utf-8")
+    (folder / SUMMARY_NAME).write_text(text, encoding="utf-8")
+    return folder / SUMMARY_NAME
+
+
+def summary_charts(paths: Sequence[Path]) -> dict[str, str]:
+    """Return the charts that the summary shows, as SVG files by their names."""
+    records = [(path, read_study(path)) for path in sorted(paths)]
+    return {
+        name: scatter_file(figure)
+        for path, record in records
+        for name, figure in _charts(path, record).items()
+    }
+
+
+def _charts(path: Path, record: StudyRecord) -> dict[str, ScatterFigure]:
+    """Return the first chart of points of each group, by the name of its file."""
+    found: dict[str, ScatterFigure] = {}
+    groups = set()
+    # Records of one study that have names of their own may hold charts of one name.
+    prefix = "" if path.stem == record.study else f"{path.stem}-"
+    for figure in record.figures:
+        if isinstance(figure, ScatterFigure) and figure.group not in groups:
+            groups.add(figure.group)
+            found[f"{prefix}{figure.key}.svg"] = figure
+    return found
 
 
 def _part(path: Path, record: StudyRecord) -> str:
@@ -57,6 +99,8 @@ def _part(path: Path, record: StudyRecord) -> str:
         if len(listed) > MOST_ROWS:
             lines += ["", f"{len(listed) - MOST_ROWS} more are on the page."]
         lines.append("")
+    for name, chart in _charts(path, record).items():
+        lines += [f"![{_cell(chart.group)}: {_cell(chart.title)}]({name})", ""]
     for figure in record.figures:
         if isinstance(figure, TableFigure):
             lines += _table(figure)
@@ -71,9 +115,11 @@ def _table(figure: TableFigure) -> list[str]:
         f"| {' | '.join(_cell(each) for each in (figure.line_label, *figure.columns))} |",
         f"| --- |{' ---: |' * len(figure.columns)}",
     ]
-    for line in figure.lines:
+    for line in figure.lines[:MOST_LINES]:
         cells = [_cell(line.name), *(_bounded(cell) for cell in line.cells)]
         found.append(f"| {' | '.join(cells)} |")
+    if len(figure.lines) > MOST_LINES:
+        found += ["", f"{len(figure.lines) - MOST_LINES} more are on the page."]
     return [*found, ""]
 
 

@@ -27,8 +27,11 @@ from reports.study_figures import (
 from reports.study_plots import curve_svg, waterfall_svg
 from reports.study_record import StudyRecord, StudyRow, read_study
 
-STUDY_ORDER = ("pareto", "leaking", "aliasing", "banding", "flicker", "attribution")
-"""Cost first, then artefacts and who is to blame; other studies follow by name."""
+STUDY_ORDER = (
+    *("pareto", "stability", "elimination", "gates"),
+    *("leaking", "aliasing", "banding", "flicker", "attribution"),
+)
+"""Cost and soundness first, then artefacts and who is to blame; others follow by name."""
 
 MOST_HEADLINES = 8
 """Rows that are read first where a record names none."""

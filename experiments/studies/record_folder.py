@@ -8,7 +8,7 @@ from pathlib import Path
 from experiments.scenes import scene_file_name
 from reports.image_files import unused_name_beside
 from reports.study_figures import Figure, MapFigure, PictureFigure
-from reports.study_markdown import SUMMARY_NAME, study_summary
+from reports.study_markdown import write_summary
 from reports.study_page import study_files, write_study_page
 from reports.study_record import StudyRecord, read_study, record_text
 
@@ -67,6 +67,5 @@ class RecordFolder:
 
     def write_page(self) -> Path:
         """Write the page and the Markdown summary of all studies in the folder; return the page."""
-        summary = study_summary(study_files(self._folder))
-        (self._folder / SUMMARY_NAME).write_text(summary, encoding="utf-8")
+        write_summary(study_files(self._folder), self._folder)
         return write_study_page(self._folder)

@@ -84,3 +84,18 @@ def content_width(page: Path, profile: Path, width: int) -> int:
     assert found is not None, "the page did not say how wide it is"
     assert int(found.group(2)) == width
     return int(found.group(1))
+
+
+PRINT_WIDTH = 718
+"""Pixels between the margins of a sheet of A4."""
+
+
+def printed(page: Path) -> Path:
+    """Write a copy of a page that looks on the screen as the page does on paper."""
+    text = page.read_text(encoding="utf-8")
+    assert text.count("@media print"), "the page says how it prints"
+    shown = text.replace("@media print", "@media screen")
+    event = "<script>dispatchEvent(new Event('beforeprint'))</script></body>"
+    copy = page.with_name("printed.html")
+    copy.write_text(shown.replace("</body>", event), encoding="utf-8")
+    return copy

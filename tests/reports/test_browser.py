@@ -10,7 +10,14 @@ import pytest
 from reports.accuracy import accuracy_report, write_accuracy_report
 from reports.pictures import srgb_from_linear
 from reports.record import load_image, read_record
-from tests.reports.chromium import content_width, needs_chromium, opened, probed
+from tests.reports.chromium import (
+    PRINT_WIDTH,
+    content_width,
+    needs_chromium,
+    opened,
+    printed,
+    probed,
+)
 
 Write = Callable[..., Path]
 
@@ -42,6 +49,17 @@ def test_the_page_opens_without_a_word_on_the_console(page: Path, tmp_path: Path
 @pytest.mark.parametrize("width", [400, 1400])
 def test_nothing_is_wider_than_the_window(page: Path, tmp_path: Path, width: int) -> None:
     assert content_width(page, tmp_path / "profile", width) == width
+
+
+def test_on_paper_nothing_is_cut_off_or_folded_away(page: Path, tmp_path: Path) -> None:
+    paper = printed(page)
+    assert content_width(paper, tmp_path / "profile", PRINT_WIDTH) == PRINT_WIDTH
+    script = """
+      const folded = document.querySelectorAll("details:not(.record):not([open])");
+      const controls = [...document.querySelectorAll(".controls, .families, .readout")];
+      return [folded.length, controls.filter((each) => each.checkVisibility()).length];
+    """
+    assert probed(paper, tmp_path / "profile", script) == [0, 0]
 
 
 def test_keys_and_buttons_flip_and_slide(page: Path, tmp_path: Path) -> None:

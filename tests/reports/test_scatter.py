@@ -14,9 +14,16 @@ import pytest
 from reports.pdf import PdfMissingError, write_pdf
 from reports.publish import main, publish
 from reports.scatter_plot import point_text, scatter_file, scatter_svg
-from reports.study_figures import Bounded, ScatterFigure, ScatterPanel, ScatterPoint
-from reports.study_markdown import MOST_ROWS, study_summary
-from reports.study_page import study_page, write_study_page
+from reports.study_figures import (
+    Bounded,
+    ScatterFigure,
+    ScatterPanel,
+    ScatterPoint,
+    TableFigure,
+    TableLine,
+)
+from reports.study_markdown import MOST_LINES, MOST_ROWS, study_summary, write_summary
+from reports.study_page import study_files, study_page, write_study_page
 from tests.reports import study_records as synthetic
 from tests.reports.chromium import content_width, needs_chromium, opened, probed
 
@@ -168,6 +175,40 @@ def test_the_summary_names_failures_first_and_stays_short(tmp_path: Path) -> Non
     assert r"refused: too \| noisy" in lines[3]
     assert "<b>" not in text
     assert f"{2 * MOST_ROWS + 2} more are on the page" in text
+
+
+def test_the_summary_shows_the_first_chart_of_each_group(tmp_path: Path) -> None:
+    figures = [scatter(), scatter(title="Moving"), scatter(group="hall")]
+    synthetic.written(tmp_path, "pareto", study="pareto", figures=figures)
+    synthetic.written(tmp_path, "pareto-gpu", study="pareto", figures=figures)
+    text = write_summary(study_files(tmp_path), tmp_path).read_text(encoding="utf-8")
+    shown = re.findall(r"!\[[^\]]*\]\(([^)]*)\)", text)
+    first, other = (figure.key for figure in (figures[0], figures[2]))
+    prefixed = [f"pareto-gpu-{name}.svg" for name in (first, other)]
+    assert shown == [*prefixed, f"{first}.svg", f"{other}.svg"]
+    assert all((tmp_path / name).read_text().startswith("<svg") for name in shown)
+
+
+def test_a_long_table_is_cut_in_the_summary_and_folded_on_the_page(tmp_path: Path) -> None:
+    lines = [TableLine(name=f"method {n}", cells=[Bounded(value=1.0)]) for n in range(40)]
+    table = TableFigure(
+        group="box", title="All methods", line_label="method", columns=["time"], lines=lines
+    )
+    path = synthetic.written(tmp_path, "pareto", study="pareto", figures=[table])
+    text = study_summary([path])
+    assert sum(line.startswith("| method ") for line in text.splitlines()) == 1 + MOST_LINES
+    assert f"{40 - MOST_LINES} more are on the page" in text
+    assert "<summary>All methods, 40 lines</summary>" in study_page([path])
+
+
+def test_a_chart_keeps_its_numbers_and_drops_what_nothing_asks_for() -> None:
+    text = scatter_svg(scatter(), key="k")
+    named = set(re.findall(r' id="([^"]*)"', text))
+    asked = set(re.findall(r'(?:href="#|url\(#)([^")]+)', text))
+    assert asked <= named
+    assert all(re.match(r"k-(?:point|line|label)-", name) for name in named - asked)
+    assert ">0.1</text>" in text
+    assert not re.search(r' x="\d+\.\d{3,}"', text)
 
 
 def test_a_snapshot_holds_pages_that_lead_to_one_another(

@@ -12,7 +12,14 @@ from reports.study_markdown import study_summary
 from reports.study_page import study_files, study_page, write_study_page
 from reports.study_record import read_study
 from tests.reports import study_records as synthetic
-from tests.reports.chromium import content_width, needs_chromium, opened, probed
+from tests.reports.chromium import (
+    PRINT_WIDTH,
+    content_width,
+    needs_chromium,
+    opened,
+    printed,
+    probed,
+)
 
 MOST_BYTES = 20e6
 
@@ -165,3 +172,15 @@ def test_the_page_opens_without_a_word_on_the_console(page: Path, tmp_path: Path
 @pytest.mark.parametrize("width", [400, 1200])
 def test_nothing_is_wider_than_the_window(page: Path, tmp_path: Path, width: int) -> None:
     assert content_width(page, tmp_path / "profile", width) == width
+
+
+@needs_chromium
+def test_on_paper_nothing_is_cut_off_or_folded_away(page: Path, tmp_path: Path) -> None:
+    paper = printed(page)
+    assert content_width(paper, tmp_path / "profile", PRINT_WIDTH) == PRINT_WIDTH
+    script = """
+      const folded = document.querySelectorAll("details:not(.record):not([open])");
+      const controls = [...document.querySelectorAll(".controls, .families, .readout")];
+      return [folded.length, controls.filter((each) => each.checkVisibility()).length];
+    """
+    assert probed(paper, tmp_path / "profile", script) == [0, 0]

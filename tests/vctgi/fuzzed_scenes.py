@@ -19,6 +19,7 @@ import vctgi
 from tests.vctgi.small_scenes import SceneDict, color, diffuse, grey
 from vctgi.clipmap.levels import ClipmapConfig
 from vctgi.clipmap.storage import StorageConfig
+from vctgi.clipmap.unpacking import unpack_level
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
 from vctgi.scene.sky import SkyConfig
@@ -119,9 +120,17 @@ SMALL_TO_LARGE = st.one_of(
 )
 SOME_POWER = st.floats(-6.0, 6.0).map(lambda power: float(10.0**power))
 POWERS = st.one_of(*[SOME_POWER] * 7, st.just(0.0))
-SHARES = st.one_of(st.sampled_from([0.0, 1.0]), st.floats(0.0, 1.0, width=32))
+SHARES = st.one_of(
+    *[st.floats(0.0625, 0.9375, width=32)] * 3,
+    st.sampled_from([0.0, 1.0]),
+    st.floats(0.0, 1.0, width=32),
+)
 COORDINATES = st.one_of(st.sampled_from([-1.0, 0.0, 1.0]), st.floats(-3.0, 3.0, width=32))
 POINTS = st.tuples(COORDINATES, COORDINATES, COORDINATES)
+ABOVE = st.tuples(COORDINATES, COORDINATES, st.floats(-0.75, 3.0, width=32))
+"""Points over the ground."""
+PLACES = st.one_of(ABOVE, ABOVE, POINTS)
+"""Of cameras and lamps: most see something, and some stand in the ground or below it."""
 GROUNDS = st.sampled_from([(3.0, 3.0, 1.0), (-3.0, 3.0, 1.0), (30.0, 30.0, 1.0)])
 
 
@@ -195,10 +204,10 @@ def scenes(palette: Palette) -> st.SearchStrategy[FuzzedScene]:
         albedos=st.tuples(*[SHARES] * len(palette.bsdfs)),
         roughness=st.one_of(st.sampled_from([1e-4, 1.0]), st.floats(1e-3, 1.0)),
         powers=st.tuples(*[POWERS] * count),
-        places=st.tuples(*[POINTS] * count),
-        eye=POINTS,
+        places=st.tuples(*[PLACES] * count),
+        eye=PLACES,
         target=st.tuples(*[st.floats(-0.5, 0.5, width=32)] * 3),
-        fov=st.one_of(st.sampled_from([0.01, 179.0]), st.floats(1.0, 170.0)),
+        fov=st.one_of(*[st.floats(20.0, 150.0)] * 3, st.sampled_from([0.01, 179.0])),
     )
 
 
@@ -342,7 +351,7 @@ def sensor_of(scene: FuzzedScene, palette: Palette) -> SceneDict:
 
 
 def render(scene: FuzzedScene, palette: Palette) -> dict[str, np.ndarray] | SceneError:
-    """Return the pictures of a scene, or why there are none.
+    """Return the pictures and the voxels of a scene, or why there are none.
 
     Anything else that is raised is a fault.
     """
@@ -354,6 +363,11 @@ def render(scene: FuzzedScene, palette: Palette) -> dict[str, np.ndarray] | Scen
         frame = vctgi.render_frame(prepared, volume, config)
     except SceneError as refusal:
         return refusal
+    levels = [unpack_level(volume, level) for level in volume.layout.levels]
     names = ("indirect_diffuse", "indirect_specular", "albedo", "depth", "ambient")
     found = {name: getattr(frame, name) for name in (*names, "normal", "position")}
-    return {name: np.array(each) for name, each in found.items() if each is not None}
+    pictures = {name: np.array(each) for name, each in found.items() if each is not None}
+    for name in ("opacity", "emittance"):
+        values = [np.array(getattr(each, name)).ravel() for each in levels]
+        pictures[f"voxels' {name}"] = np.concatenate(values)
+    return pictures

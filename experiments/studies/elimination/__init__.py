@@ -37,7 +37,13 @@ def compare(context: StudyContext, case: Case) -> Comparison:
         scene = loaded_scene(context, case.scene)
         config = case.change(study_config(quick=context.quick))
         found = Comparison.of(context, Pair.of(partial(case.frames, scene), config, case.keep))
-        savings(context).note(case.name, found.time_ratio, found.lean_work, found.kept_work)
+        savings(context).note(
+            case.name,
+            found.difference(case.bound),
+            found.time_ratio,
+            found.lean_work,
+            found.kept_work,
+        )
         return found
 
     return context.once(f"elimination, {case.name}", measure)

@@ -17,7 +17,21 @@ from reports.study_figures import (
     ScatterPanel,
     ScatterPoint,
     Series,
+    TableFigure,
+    TableLine,
 )
+
+GROUP = "Eliminations"
+
+COLUMNS = (
+    "numbers that differ, or difference over its bound",
+    "device time, kept over left out",
+    "operations, kept over left out",
+    "peak memory saved, MiB",
+)
+
+MIB = float(1 << 20)
+"""Bytes of a mebibyte."""
 
 
 @dataclass
@@ -27,15 +41,21 @@ class Savings:
     time: dict[str, Measured] = field(default_factory=dict)
     operations: dict[str, float] = field(default_factory=dict)
     memory: dict[str, float] = field(default_factory=dict)
+    saved: dict[str, float] = field(default_factory=dict)
+    difference: dict[str, Measured] = field(default_factory=dict)
 
-    def note(self, name: str, time: Measured, lean: Work, kept: Work) -> None:
-        """Keep the ratios of a case, each kept over left out."""
+    def note(self, name: str, difference: Measured, time: Measured, lean: Work, kept: Work) -> None:
+        """Keep what a case changed, and its ratios, each kept over left out."""
+        self.difference[name] = difference
+        self.saved[name] = (kept.peak - lean.peak) / MIB
         self.time[name] = time
         self.operations[name] = kept.operations / lean.operations
         self.memory[name] = kept.peak / max(lean.peak, 1.0)
 
     def draw(self, shelf: FigureShelf) -> None:
-        """Draw what was noted."""
+        """Draw what was noted, and write it down."""
+        if self.time:
+            shelf.add(self._table())
         panels = [
             ScatterPanel(y_label=f"{what}, kept over left out", points=self._points(ratios))
             for what, ratios in (("operations", self.operations), ("peak memory", self.memory))
@@ -44,7 +64,7 @@ class Savings:
         if panels:
             shelf.add(
                 ScatterFigure(
-                    group="Eliminations",
+                    group=GROUP,
                     title="What each saves",
                     caption="Each mark is a scene that does not need the thing: a frame with it "
                     "kept over one with it left out. 1 saves nothing.",
@@ -52,6 +72,28 @@ class Savings:
                     panels=panels,
                 )
             )
+
+    def _table(self) -> TableFigure:
+        return TableFigure(
+            group=GROUP,
+            title="What each changes and saves",
+            caption="Median and quartiles of the time over turns; operations: instructions of all "
+            "kernels times their lanes, those of a loop once.",
+            line_label="what is left out",
+            columns=list(COLUMNS),
+            lines=[
+                TableLine(
+                    name=name,
+                    cells=[
+                        Bounded(value=self.difference[name].value),
+                        Bounded(value=time.value, low=time.low, high=time.high),
+                        Bounded(value=self.operations[name]),
+                        Bounded(value=self.saved[name]),
+                    ],
+                )
+                for name, time in self.time.items()
+            ],
+        )
 
     def _points(self, ratios: dict[str, float]) -> list[ScatterPoint]:
         return [

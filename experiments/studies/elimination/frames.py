@@ -14,6 +14,7 @@ import vctgi
 from experiments.clocks import timed_frame
 from vctgi.config import RenderConfig
 from vctgi.pipeline import Frame, LitVolume, light_volume, prepare_scene, voxelize_scene
+from vctgi.trace_cache import TraceCache
 
 PICTURES = ("indirect_diffuse", "indirect_specular", "albedo", "normal", "depth", "ambient")
 """Parts of a frame that are compared."""
@@ -69,7 +70,10 @@ def single_frames(scene: mi.Scene, config: RenderConfig, *, with_reading: bool) 
 def following_frames(
     scene: mi.Scene, config: RenderConfig, change: Callable[[int], None] = lambda _: None
 ) -> Render:
-    """Return what makes the frames of a scene one after the other.
+    """Return what makes the frames of a scene one after the other, as a game would.
+
+    What they trace is recorded once. Launches then follow one another closely, so that a GPU's
+    clock does not count the time in which Python is tracing the next.
 
     Parameters
     ----------
@@ -83,13 +87,15 @@ def following_frames(
     sensor = scene.sensors()[0]
     held: vctgi.FollowedScene | None = None
     number = 0
+    cache = TraceCache()
 
     def render(seed: int) -> Rendered:
         nonlocal held, number
         change(number)
         number += 1
         held = vctgi.follow_scene(held, scene, sensor, config)
-        frame = vctgi.render_frame(held.prepared, held.lit.volume, config, seed=seed)
+        volume = held.lit.volume
+        frame = vctgi.render_frame(held.prepared, volume, config, seed=seed, cache=cache)
         return Rendered(frame, held.lit)
 
     return render

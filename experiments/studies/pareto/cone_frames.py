@@ -8,6 +8,7 @@ and light maps, injection and downsampling are done again. Reading the scene is 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import mitsuba as mi
@@ -31,6 +32,11 @@ from vctgi.trace_cache import TraceCache
 
 STILL, CAMERA, LIGHTS = "still", "moving camera", "moving lights"
 """Kinds of frames."""
+
+FRAMES = (STILL, CAMERA, LIGHTS)
+
+Update = Callable[[], tuple[PreparedScene, LitVolume]]
+"""Returns the scene of the next frame, and its lit voxels."""
 
 STEP_VOXELS = 2
 """Of the windows: their lowest voxels are even."""
@@ -89,15 +95,30 @@ class LitScene:
 
     def moving_lights(self, config: RenderConfig) -> Render:
         """Return what lights the voxels again and gathers."""
-
-        def render(seed: int) -> Frame:
-            lit = vctgi.light_volume(self.prepared, config, voxels=self.voxels)
-            return self._frame(self.prepared, lit, config, seed)
-
-        return render
+        update = self.update(LIGHTS, config)
+        return lambda seed: self._frame(*update(), config, seed)
 
     def moving_camera(self, config: RenderConfig) -> Render:
         """Return what moves the windows to and fro, follows with the voxels, lights and gathers."""
+        update = self.update(CAMERA, config)
+        return lambda seed: self._frame(*update(), config, seed)
+
+    def update(self, kind: str, config: RenderConfig) -> Update:
+        """Return what brings the voxels to the next frame of a kind, without gathering.
+
+        Parameters
+        ----------
+        kind
+            `CAMERA` or `LIGHTS`.
+        config
+            Its light is that of all methods that gather from these voxels.
+        """
+
+        def light() -> tuple[PreparedScene, LitVolume]:
+            return self.prepared, vctgi.light_volume(self.prepared, config, voxels=self.voxels)
+
+        if kind == LIGHTS:
+            return light
         layout = self.prepared.plan.layout
         centre = np.array(layout.centre)
         step = STEP_VOXELS * layout.finest_voxel_size * _view_direction(self.prepared.sensor)
@@ -105,17 +126,16 @@ class LitScene:
         held = voxelize_scene(self.prepared, config)
         turn = 0
 
-        def render(seed: int) -> Frame:
+        def move() -> tuple[PreparedScene, LitVolume]:
             nonlocal held, turn
             turn += 1
             x, y, z = (centre + (turn % 2) * step).tolist()
             plan = replace(self.prepared.plan, layout=move_clipmap(layout, (x, y, z)))
             moved = replace(self.prepared, plan=plan)
             held = update_voxels(held, moved, config)
-            lit = vctgi.light_volume(moved, config, voxels=held)
-            return self._frame(moved, lit, config, seed)
+            return moved, vctgi.light_volume(moved, config, voxels=held)
 
-        return render
+        return move
 
 
 def indirect_image(frame: Frame, method: Method) -> np.ndarray:

@@ -42,8 +42,9 @@ DEFINITIONS = (
         name="moving camera, moving lights",
         formula="windows of the clipmap moved by two of the finest voxels, entered slabs "
         "voxelized, light maps, injection, downsampling, gathering; the same without "
-        "voxelizing. Paths start "
-        "anew with every frame, so their time is that of a still frame",
+        "voxelizing. The gathering is that of a still frame, what comes before it is timed apart, "
+        'once for all methods that share voxels; whole frames of "high" say whether the sum is '
+        "right. Paths start anew with every frame, so their time is that of a still frame",
         source="experiments/studies/pareto/cone_frames.py",
     ),
     Definition(

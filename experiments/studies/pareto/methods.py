@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Final
 
 from vctgi.clipmap.levels import ClipmapConfig
@@ -34,6 +35,9 @@ QUICK_RESOLUTION = 32
 """Voxels along an edge of a level in the quick study."""
 
 HIGH = "high"
+
+CORNERS: Final = ((6, 32), (1, 16), (64, 128))
+"""Cones, rays for each that traces cones, voxels along an edge: few and many, all combinations."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +132,7 @@ def _with_samples(high: RenderConfig, count: int) -> Method:
 
 
 def _grid(high: RenderConfig) -> list[Method]:
-    """Return "high" with one parameter at a time at other values."""
+    """Return "high" with one parameter at a time at other values, then with three at once."""
 
     def diffuse(cones: DiffuseConesConfig) -> RenderConfig:
         return replace(high, diffuse=cones)
@@ -137,7 +141,7 @@ def _grid(high: RenderConfig) -> list[Method]:
     for count in (6, 32, 64):
         varied[f"high, {count} cones"] = diffuse(replace(high.diffuse, cone_count=count))
     for sparsity in (1, 4, 16):
-        varied[f"high, every {sparsity}th ray"] = replace(
+        varied[f"high, {_traced(sparsity)}"] = replace(
             high, reconstruction=ReconstructionConfig(sparsity=sparsity)
         )
     for reach in (0.0, 1.5, 6.0):
@@ -150,8 +154,20 @@ def _grid(high: RenderConfig) -> list[Method]:
         varied[f"high, {resolution}^3 voxels"] = replace(
             high, clipmap=ClipmapConfig(resolution=resolution)
         )
+    for count, sparsity, resolution in product(*CORNERS):
+        name = f"high, {count} cones, {_traced(sparsity)}, {resolution}^3 voxels"
+        varied[name] = replace(
+            high,
+            diffuse=replace(high.diffuse, cone_count=count),
+            reconstruction=ReconstructionConfig(sparsity=sparsity),
+            clipmap=ClipmapConfig(resolution=resolution),
+        )
     found = [_cones(name, GRID, config) for name, config in varied.items()]
     return found + [_with_samples(high, count) for count in (1, 2, 8, 16, 32)]
+
+
+def _traced(sparsity: int) -> str:
+    return "every ray" if sparsity == 1 else f"every {sparsity}th ray"
 
 
 def _recipes() -> list[Method]:

@@ -11,8 +11,8 @@ from typing import Final
 
 from experiments.clocks import REPETITIONS, Clocks
 from experiments.studies.check import Check, Measured, RefusedError, StudyContext
-from experiments.studies.pareto.bench import Bench, Result, bench_of, has_denoiser
-from experiments.studies.pareto.cone_frames import CAMERA, LIGHTS, STILL
+from experiments.studies.pareto.bench import MOVING, Bench, Result, bench_of, has_denoiser
+from experiments.studies.pareto.cone_frames import FRAMES, STILL
 from experiments.studies.pareto.figures import draw
 from experiments.studies.pareto.methods import DENOISED, HIGH, PATHS, PRESET_NAMES
 from experiments.studies.pareto.trade_off import (
@@ -44,8 +44,6 @@ SLOPE_LIMITS: Final = (-1.15, -0.85)
 MOST_ENERGY_ERROR: Final = 0.03
 """Of path tracing at its most samples: what is left of its noise, but no other transport."""
 
-FRAMES: Final = (STILL, CAMERA, LIGHTS)
-
 CONFIGURATION = "indirect light of two scatterings; still frames by the device's clock"
 MILLISECONDS: Final = 1e3
 
@@ -67,6 +65,8 @@ def _checks(scene: str) -> list[Check]:
         _check(scene, "bias floor of high, relMSE", _floor, goal=0.0, is_headline=True),
         _check(scene, "methods on the front", _front_size),
         _check(scene, "noise of the reference, relMSE", _noise, goal=0.0),
+        *(_check(scene, f"{HIGH}, {kind}, time of whole frames over that of their parts",
+                 partial(_whole_over_parts, kind), goal=1.0) for kind in MOVING),
     ]  # fmt: skip
     for preset in PRESET_NAMES:
         found += _preset_checks(scene, preset)
@@ -129,7 +129,7 @@ def _check(
     def measure(context: StudyContext) -> Measured:
         source = (context.scene or "corridor") if scene == CHOSEN else scene
         bench = bench_of(context, source)
-        draw(context.shelf, bench)
+        context.once(f"charts of {source}", lambda: draw(context.shelf, bench))
         try:
             return read(bench)
         except ValueError as error:
@@ -215,6 +215,12 @@ def _time(preset: str, kind: str, clock: Callable[[Clocks], Measured], bench: Be
         low=MILLISECONDS * found.low,
         high=MILLISECONDS * found.high,
     )
+
+
+def _whole_over_parts(kind: str, bench: Bench) -> Measured:
+    """Return how far the sum of the parts of a moving frame, timed apart, can be trusted."""
+    result = bench.results[HIGH]
+    return ratio(result.clocks[kind].device_median(), result.parts[kind].device_median())
 
 
 def _compiling(preset: str, kind: str, bench: Bench) -> Measured:

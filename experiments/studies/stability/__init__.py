@@ -6,8 +6,11 @@ loop runs them all; each family of cases has its module.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from experiments.studies.check import Check
 from experiments.studies.stability import (
+    back_ends,
     bounces,
     formats,
     light,
@@ -31,15 +34,40 @@ FAMILIES = {
 """The catalogue: what gives the cases of each family, in the order of the table."""
 
 
+HEADLINES = (
+    "lamp 1e+08 times as bright, condition number",
+    "room scaled by 1e+06, mean difference",
+    "room 100000 times its size away, energy",
+    "fog of opacity 1 a voxel, error",
+    "fog by a step of a thousandth of a voxel, error",
+    "24 scatterings at albedo 1, growth factor",
+    "wall of 0.05 voxels, in level 0, light in the dark room",
+    "floor with slivers of aspect 1e6, mean difference",
+    "camera exactly on a wall, energy",
+    "srgb8, lamp 1e+08 times as bright, mean difference",
+    "float16, light above 65504, refused in one line",
+)
+"""Numbers that are read first, one or two of each family."""
+
+
 def catalogue() -> dict[str, list[StabilityCase]]:
     """Return all cases by family; Mitsuba's variant must be set."""
-    return {family: cases() for family, cases in FAMILIES.items()}
+    found = {family: cases() for family, cases in FAMILIES.items()}
+    if back_ends.can_compare():
+        found["back ends"] = back_ends.cases(find_case)
+    return found
+
+
+def find_case(name: str) -> StabilityCase:
+    """Return a case by its name."""
+    (found,) = [case for cases in FAMILIES.values() for case in cases() if case.name == name]
+    return found
 
 
 def checks() -> list[Check]:
     """Return the checks of all cases."""
     return [
-        check
+        replace(check, is_headline=check.name in HEADLINES)
         for family, cases in catalogue().items()
         for case in cases
         for check in checks_of_case(case, f"{family}: {SETTINGS}")

@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from experiments.studies.check import StudyContext
+from experiments.studies.check import Measured, StudyContext
 from experiments.studies.elimination.figures import Savings
 from experiments.studies.elimination.frames import Pair, Rendered, Work, interleaved
 from experiments.studies.figures import FigureShelf
@@ -81,10 +81,13 @@ def test_the_chart_holds_every_case_that_was_measured() -> None:
     savings.draw(shelf)
     assert not shelf.figures
     time = comparison(rendered(1.0), rendered(1.0)).time_ratio
-    savings.note("first", time, Work(1.0, 1, 1.0), Work(2.0, 1, 4.0))
-    savings.note("second", time, Work(1.0, 1, 1.0), Work(1.0, 1, 1.0))
+    none = Measured(value=0.0)
+    savings.note("first", none, time, Work(1.0, 1, 1.0), Work(2.0, 1, 4.0))
+    savings.note("second", none, time, Work(1.0, 1, 1.0 * 2**20), Work(1.0, 1, 1.0 * 2**20))
     savings.draw(shelf)
-    (figure,) = shelf.figures
+    table, figure = shelf.figures
+    assert [line.name for line in table.lines] == ["first", "second"]  # type: ignore[union-attr]
+    assert [line.cells[2].value for line in table.lines] == [2.0, 1.0]  # type: ignore[union-attr]
     assert [[p.y.value for p in panel.points] for panel in figure.panels] == [[2, 1], [4, 1]]  # type: ignore[union-attr]
 
 

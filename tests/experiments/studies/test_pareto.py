@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import cast
 
 import drjit as dr
@@ -13,26 +14,48 @@ import pytest
 import reference
 import vctgi
 from experiments.clocks import (
+    REPETITIONS,
     WARM_FRAMES,
+    Clocks,
+    FrameTime,
     Job,
     NeverWarmError,
+    Render,
     time_jobs,
     timed_frame,
 )
 from experiments.scenes import LoadedScene, load_scene
-from experiments.studies.pareto import checks
-from experiments.studies.pareto.bench import COUNT, has_denoiser
-from experiments.studies.pareto.cone_frames import LitScene, indirect_image, light_key
+from experiments.studies.check import Measured, StudyContext
+from experiments.studies.figures import FigureShelf
+from experiments.studies.pareto import bench, checks
+from experiments.studies.pareto.bench import COUNT, Bench, Result, has_denoiser, run_methods
+from experiments.studies.pareto.cone_frames import (
+    CAMERA,
+    FRAMES,
+    LIGHTS,
+    STILL,
+    LitScene,
+    indirect_image,
+    light_key,
+)
+from experiments.studies.pareto.figures import draw
 from experiments.studies.pareto.methods import (
     FAMILIES,
+    GRID,
     HIGH,
+    OURS,
+    PATHS,
     PRESET_NAMES,
+    RECIPES,
+    Method,
     cone_methods,
     methods,
     path_name,
 )
 from experiments.studies.pareto.path_tracing import PathTracer
 from experiments.studies.pareto.scores import Truth, score
+from reference import NoiseFloor
+from reports.study_figures import ScatterFigure, TableFigure
 from vctgi.clipmap.levels import ClipmapConfig
 from vctgi.config import RenderConfig, preset
 from vctgi.peers import peer_names
@@ -42,10 +65,12 @@ pytestmark = pytest.mark.usefixtures("variant")
 
 EDGE = 16
 BATCHES = 8
-PATHS = 512
+SAMPLES = 512
 MOST_DEVIATION = 4.0
 """Standard errors between two independent means: one pair in 16 000 is farther apart."""
 SINGLE_PRECISION = 1e-5
+BUSY = 5.0
+"""Times of equal work may differ by so much on a machine that others use."""
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +92,7 @@ def tracer_of(box: LoadedScene) -> PathTracer:
 @pytest.fixture(scope="module")
 def truth(box: LoadedScene) -> reference.Reference:
     request = reference.ReferenceRequest(
-        samples_per_pixel=BATCHES * PATHS, batch_count=BATCHES, rest_samples_per_pixel=0
+        samples_per_pixel=BATCHES * SAMPLES, batch_count=BATCHES, rest_samples_per_pixel=0
     )
     return reference.render_reference(box.scene, request=request, cache_directory=None)
 
@@ -76,7 +101,7 @@ def test_paths_carry_the_light_of_the_reference(
     box: LoadedScene, truth: reference.Reference
 ) -> None:
     tracer = tracer_of(box)
-    means = [float(tracer.frame(PATHS, seed).image(EDGE, EDGE).mean()) for seed in range(BATCHES)]
+    means = [float(tracer.frame(SAMPLES, seed).image(EDGE, EDGE).mean()) for seed in range(BATCHES)]
     known = truth.batches("indirect").mean(axis=(1, 2, 3))
     spread = np.hypot(np.std(means, ddof=1), known.std(ddof=1)) / np.sqrt(BATCHES)
     assert abs(np.mean(means) - known.mean()) <= MOST_DEVIATION * spread
@@ -140,6 +165,113 @@ def test_moved_windows_change_voxels_and_come_back(box: LoadedScene) -> None:
     # An update is equal to a rebuild bit for bit, and the second step is back where it began.
     assert back == pytest.approx(still, rel=SINGLE_PRECISION, abs=SINGLE_PRECISION)
     assert lit_anew == pytest.approx(still, rel=SINGLE_PRECISION, abs=SINGLE_PRECISION)
+
+
+@pytest.fixture(scope="module")
+def few(box: LoadedScene) -> dict[str, Result]:
+    """Return the results of a preset, a relative of it, a recipe's scale, and paths."""
+    config = small(preset("medium"))
+    named = [(HIGH, OURS, ""), ("other", GRID, ""), ("scaled", RECIPES, "other")]
+    cones = [
+        Method(name=name, family=family, config=config, samples_per_pixel=1, renders_like=like)
+        for name, family, like in named
+    ]
+    paths = [Method(name=path_name(n), family=PATHS, samples_per_pixel=n) for n in (1, 128)]
+    context = StudyContext(quick=True, progress=lambda *_: None)
+    return run_methods(context, box, cones, paths).results
+
+
+def test_every_method_has_times_for_every_kind_of_frame(few: dict[str, Result]) -> None:
+    assert all(set(result.clocks) == set(FRAMES) for result in few.values())
+    assert all(
+        len(clocks.warm) == REPETITIONS and all(each.compiled == 0 for each in clocks.warm)
+        for result in few.values()
+        for clocks in result.clocks.values()
+    )
+    high, other, scaled = (few[name].clocks for name in (HIGH, "other", "scaled"))
+    assert scaled == other
+    for kind in (CAMERA, LIGHTS):
+        # Its frames are the sum of two parts, those of the preset are timed as a whole, too.
+        assert other[kind].device().value > other[STILL].device().value
+        summed = few[HIGH].parts[kind]
+        assert summed is not high[kind]
+        assert 1.0 / BUSY < summed.device().value / high[kind].device().value < BUSY
+        assert few[path_name(1)].clocks[kind] is few[path_name(1)].clocks[STILL]
+
+
+def test_charts_and_table_show_every_method(few: dict[str, Result], box: LoadedScene) -> None:
+    shelf = FigureShelf()
+    draw(shelf, Bench(box, few, NoiseFloor(value=1e-3, upper=2e-3, samples_per_pixel=64)))
+    charts = [each for each in shelf.figures if isinstance(each, ScatterFigure)]
+    still, moving = (each for each in shelf.figures if isinstance(each, TableFigure))
+    assert len(charts) == len(FRAMES)
+    assert all({p.name for p in panel.points} == set(few) for c in charts for panel in c.panels)
+    assert len(still.columns) == len(moving.columns) == 6
+    for table in (still, moving):
+        assert {line.name for line in table.lines} == set(few)
+        assert all(cell is not None for line in table.lines for cell in line.cells)
+
+
+@pytest.mark.parametrize(
+    ("errors", "noises"),
+    [
+        # What is large enough for the first reference
+        ([0.2], [1e-2]),
+        # Smaller, then smaller still than the first reference could tell
+        ([0.012, 0.0101], [1e-2, 1e-3]),
+        # Hidden by noise
+        ([-0.001, 0.02], [1e-2, 1e-3]),
+    ],
+)
+def test_the_reference_is_refined_until_the_smallest_error_can_be_seen(
+    errors: list[float], noises: list[float], box: LoadedScene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    given = iter(errors)
+
+    def rendered(_scene: object, *, target: reference.ReferenceTarget, **_: object) -> object:
+        asked.append(target.relmse)
+        return SimpleNamespace(mean=lambda _: 0.0, batches=lambda _: None)
+
+    def scored(*_: object) -> object:
+        return SimpleNamespace(relmse=Measured(value=next(given)))
+
+    monkeypatch.setattr(reference, "render_to_target", rendered)
+    monkeypatch.setattr(reference, "require_low_noise", lambda *_: None)
+    monkeypatch.setattr(
+        reference,
+        "noise_floor",
+        lambda *_: NoiseFloor(value=0.9 * asked[-1], upper=asked[-1], samples_per_pixel=64),
+    )
+    monkeypatch.setattr(Truth, "of", lambda *_: None)
+    monkeypatch.setattr(bench, "score", scored)
+    method = Method(name="medium", family=OURS, samples_per_pixel=1)
+    context = StudyContext(quick=True, progress=lambda *_: None)
+    _, noise = bench._find_truth(context, box, {"medium": [np.zeros(3)]}, {"medium": method})
+    assert asked == pytest.approx(noises)
+    assert noise.upper <= errors[-1] / 10.0
+
+
+def test_a_shorter_frame_warms_up() -> None:
+    frames: list[str] = []
+
+    def made(name: str) -> Render:
+        return lambda _seed: frames.append(name)
+
+    job = Job("long", made("long"), warm_up=made("short"))
+    time_jobs([job], np.random.default_rng(0), repetitions=3)
+    assert frames == ["short"] * WARM_FRAMES + ["long"] * 3
+
+
+def test_times_of_two_parts_add_up() -> None:
+    first, second = (
+        Clocks(c, [FrameTime(d, w, 0) for d, w in frames])
+        for c, frames in ((1.0, [(1.0, 2.0), (3.0, 4.0)]), (0.5, [(0.1, 0.2), (0.3, 0.4)]))
+    )
+    found = first + second
+    assert found.compile == 1.5
+    assert [each.device for each in found.warm] == pytest.approx([1.1, 3.3])
+    assert [each.wall for each in found.warm] == pytest.approx([2.2, 4.4])
 
 
 def test_only_warm_frames_are_timed() -> None:

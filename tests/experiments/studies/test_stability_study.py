@@ -9,7 +9,7 @@ import pytest
 
 from experiments.studies.catalogue import checks_of, find_study
 from experiments.studies.check import Check, StudyContext
-from experiments.studies.stability import catalogue
+from experiments.studies.stability import HEADLINES, catalogue
 from experiments.studies.stability.case import (
     REFUSED,
     UNSOUND,
@@ -62,6 +62,8 @@ def test_the_catalogue_has_many_cases_with_names_and_reasons() -> None:
 
 def test_every_check_has_a_name_of_its_own_and_says_with_what() -> None:
     found = checks_of(find_study("stability"))
+    assert [each.name for each in found if each.is_headline] == [*HEADLINES]
+    assert all(each.in_quick for each in found if each.is_headline)
     assert len({check.name for check in found}) == len(found)
     assert all(check.configuration and check.scene for check in found)
     limited = [check for check in found if (check.limit_low, check.limit_high) != (None, None)]
