@@ -147,7 +147,7 @@ def _diffuse(
 
 
 def _chosen(cones: Cones) -> Cones:
-    """Return the cones of a preset, which read one level of two (docs/decisions/0027)."""
+    """Return the cones of a cheap preset, which read one level of two (docs/decisions/0027)."""
     return replace(cones, march=replace(cones.march, filtering="random_level"))
 
 
@@ -170,13 +170,11 @@ PRESETS: dict[str, RenderConfig] = {
     "high": replace(
         _DEFAULT,
         clipmap=ClipmapConfig(resolution=128),
-        diffuse=_chosen(_diffuse(17, -1.0, 3.0, 0.4)),
+        diffuse=_diffuse(17, -1.0, 3.0, 0.4),
         reconstruction=ReconstructionConfig(sparsity=9, max_contrast=0.7),
     ),
     "ultra": replace(
-        _DEFAULT,
-        clipmap=ClipmapConfig(resolution=128),
-        diffuse=_chosen(_diffuse(64, -1.0, 4.0, 0.4)),
+        _DEFAULT, clipmap=ClipmapConfig(resolution=128), diffuse=_diffuse(64, -1.0, 4.0, 0.4)
     ),
 }
 """Named configurations, from cheap to dear."""
