@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from experiments.studies.check import RefusedError, StudyContext, mean_of
+from experiments.studies.check import StudyContext, mean_of
 from experiments.studies.derivatives.measure import (
     MODES,
     Picture,
@@ -128,17 +128,7 @@ def _config(config: RenderConfig, place: Place) -> RenderConfig:
     return config
 
 
-REVERSE_ONLY = ("roughness of the ball",)
-"""Parameters without forward mode. It is not tried: Dr.Jit 1.5.0 fails where two calls of BSDFs in
-one loop read the same value, as those that measure a lobe do, and refuses all that follows."""
-
-
 def _slope(context: StudyContext, place: Place, way: Way, seed: int) -> float:
-    if way == "forward" and place.name in REVERSE_ONLY:
-        raise RefusedError(
-            f"Dr.Jit has no forward mode by the {place.name}, which two calls of BSDFs read in one "
-            "loop; reverse mode has"
-        )
     room = derivative_room(context)
     picture, start = picture_at(room, place, seed)
     if way == "mean":

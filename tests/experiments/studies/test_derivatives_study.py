@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 from experiments.studies.catalogue import checks_of, find_study
-from experiments.studies.check import RefusedError, StudyContext
+from experiments.studies.check import StudyContext
 from experiments.studies.derivatives import agreement
 from experiments.studies.derivatives.measure import (
     by_differences,
     by_forward_mode,
     by_reverse_mode,
     disagreement,
-    forward_slope,
     moved,
 )
 from experiments.studies.derivatives.slopes import MOST_SEEDS, Place
@@ -54,22 +53,6 @@ def test_the_derivative_at_a_share_is_by_the_same_share() -> None:
     held = np.array(values, dtype=np.float64)
     slope = float(np.sum(np.array(moved(values, 1.0)) - held))
     assert found == pytest.approx(2.0 * (held.sum() + slope / 3.0) * slope, rel=1e-6)
-
-
-def test_a_forward_mode_that_dr_jit_refuses_is_a_refused_row(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    words = "edge a1 -> a2, which lies outside of the current dr.isolate_grad() scope."
-
-    def refuse(*_arguments: object, **_options: object) -> None:
-        raise RuntimeError(words)
-
-    monkeypatch.setattr(dr, "forward_to", refuse)
-    with pytest.raises(RefusedError, match="reverse mode has"):
-        forward_slope(mi.Float(1.0))
-    words = "out of memory"
-    with pytest.raises(RuntimeError, match=words):
-        forward_slope(mi.Float(1.0))
 
 
 def test_a_derivative_that_hardly_counts_is_compared_to_the_mean() -> None:
