@@ -17,7 +17,8 @@ from experiments.studies.derivatives.measure import (
     disagreement,
     moved,
 )
-from experiments.studies.derivatives.slopes import MOST_SEEDS, Place
+from experiments.studies.derivatives.slopes import MOST_SEEDS, SEEDS, Place, Way
+from reports.study_figures import TableFigure
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -88,3 +89,26 @@ def test_seeds_are_added_until_the_interval_leaves_the_limit(
     assert max(asked) == count
     assert found.value == pytest.approx(0.1)
     assert found.note == f"times 1, {count} seeds"
+
+
+def test_columns_of_the_table_are_of_the_same_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many seeds a comparison needs: each seed's derivative is its number plus one."""
+
+    def slope(_context: object, _place: object, way: str, seed: int) -> float:
+        return 1.0 if way == "mean" else 1.0 + seed
+
+    monkeypatch.setattr("experiments.studies.derivatives.slopes._slope", slope)
+    context = StudyContext(quick=False, progress=lambda _step, _share: None)
+    pairs: list[tuple[Way, Way]] = [
+        ("forward", "fine"),
+        ("reverse", "fine"),
+        ("reverse", "coarse"),
+    ]
+    for mode, step in pairs:
+        agreement._off(context, Place("step_ratio"), mode, step)
+    (table,) = context.shelf.figures
+    assert isinstance(table, TableFigure)
+    (line,) = table.lines
+    found = [cell for cell in line.cells if cell is not None]
+    assert {cell.value for cell in found} == {1.0 + 0.5 * (SEEDS[0] - 1)}
+    assert len(found) == 4
