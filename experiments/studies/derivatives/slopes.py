@@ -46,8 +46,8 @@ TABLE = Table(
     "0.1 % more light for 1 % more of the parameter; each of several values is moved by 1 to 1.5 "
     "times the share. Bias: of cones' parameters, differences of step 0.01 off the mean derivative "
     "over that step; of the scene's, cones over prb, less 1. All columns but prb's are of the same "
-    f"{SEEDS[0]} seeds of the phases (quick: {SEEDS[1]}), to be compared; rows add seeds where these "
-    "leave them undecided.",
+    f"{SEEDS[0]} seeds of the phases (quick: {SEEDS[1]}), to be compared; rows add seeds where "
+    "these leave them undecided.",
     line_label="parameter",
     columns=("forward mode", "reverse mode", "step 0.0001", "step 0.01", "prb", "bias"),
 )
