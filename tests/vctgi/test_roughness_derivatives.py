@@ -117,3 +117,25 @@ def test_both_modes_are_the_difference(name: str) -> None:
         forward, reverse = pictures.forward(factor), pictures.reverse(factor)
         assert forward == pytest.approx(reverse, rel=SAME)
         assert abs(forward - wanted) <= LIMIT * max(abs(wanted), least)
+
+
+def test_mitsuba_renders_with_both_modes() -> None:
+    scene = scene_of(0.27)
+    parameters: Any = mi.traverse(scene)
+    integrator = mi.load_dict({"type": "vctgi", "preset": "medium", "resolution": 16})
+    render: Any = mi.render
+
+    def mean() -> mi.Float:
+        image = render(scene, parameters, integrator=integrator, spp=2, seed=1)
+        return mi.Float(dr.mean(image[..., :3]).array)
+
+    value = dr.opaque(mi.Float, 0.27)
+    dr.enable_grad(value)
+    parameters[ROUGH] = value
+    parameters.update()
+    dr.set_grad(value, 1.0)
+    forward = float(dr.forward_to(mean())[0])
+    dr.set_grad(value, 0.0)
+    dr.backward(mean())
+    assert forward != 0.0
+    assert float(dr.grad(value)[0]) == pytest.approx(forward, rel=SAME)
