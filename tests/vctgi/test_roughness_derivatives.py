@@ -119,6 +119,7 @@ def test_both_modes_are_the_difference(name: str) -> None:
         assert abs(forward - wanted) <= LIMIT * max(abs(wanted), least)
 
 
+@pytest.mark.slow
 def test_mitsuba_renders_with_both_modes() -> None:
     scene = scene_of(0.27)
     parameters: Any = mi.traverse(scene)

@@ -72,7 +72,7 @@ def checks() -> list[Check]:
         Check(
             name=f"steps of {SHORT_STEPS[1]:g} voxels, derivative by the cones' share over that "
             f"with {SHORT_STEPS[0]:g}",
-            configuration="reverse mode by all apertures; finite, no limit: the picture changes, too",
+            configuration="reverse mode by all apertures; no limit, the picture changes, too",
             scene=scene,
             measure=_short_steps,
             goal=1.0,
