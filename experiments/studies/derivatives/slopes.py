@@ -142,7 +142,9 @@ def _slope(context: StudyContext, place: Place, way: Way, seed: int) -> float:
     if way in STEPS:
         return by_differences(picture, start, STEPS[way])
     mode: Callable[[Picture, Any], float] = MODES[way]
-    return mode(picture, start)
+    found = mode(picture, start)
+    room.restore()
+    return found
 
 
 def _scaled(start: Any, factor: float) -> Any:

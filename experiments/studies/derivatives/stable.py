@@ -96,7 +96,9 @@ def _lamp(context: StudyContext, factor: float) -> Measured:
     key = SCENE_NAMES["radiance of the lamp"]
     picture = room.with_scene(key, room.config)
     held = room.scene_parameters[key]
-    return _share(picture, type(held)(held) * factor)
+    found = _share(picture, type(held)(held) * factor)
+    room.restore()
+    return found
 
 
 def _aperture(context: StudyContext, aperture: float) -> Measured:
@@ -133,7 +135,9 @@ def _feedback(context: StudyContext) -> Measured:
     key = SCENE_NAMES["albedo of the walls"]
     config = replace(room.config, scattering_count=SCATTERINGS, samples_per_pixel=1)
     held = room.scene_parameters[key]
-    return _share(room.with_scene(key, config), type(held)(held) * 0.0 + ALBEDO)
+    found = _share(room.with_scene(key, config), type(held)(held) * 0.0 + ALBEDO)
+    room.restore()
+    return found
 
 
 def _share(picture: Picture, start: Any) -> Measured:
