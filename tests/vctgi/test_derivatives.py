@@ -80,7 +80,7 @@ CASES = {
 }
 
 
-SLOW = ("albedo, spread light", "light, bounded by radiance", "light, one bounce")
+SLOW = ("light, bounded by radiance", "light, one bounce")
 """Cases of which others are most; their kernels take long to compile."""
 
 

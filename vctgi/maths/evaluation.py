@@ -8,7 +8,7 @@ either direction; so their kernels are about as large as those of the values.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, TypeVar, cast
 
@@ -43,6 +43,26 @@ def with_boundary(value: Value) -> Value:
     return cast("Value", _rebuilt(value, iter(passed)))
 
 
+def accompanied(value: Value, companion: object, beside: Sequence[Any] = ()) -> Value:
+    """Keep an object alive until derivatives of arrays have gone by; nothing is evaluated.
+
+    Parameters
+    ----------
+    value
+        As for `evaluated`.
+    companion
+        What the operations that led to it need while they are differentiated.
+    beside
+        Arrays that derivatives are to pass, too, on their way to `value`, which does not follow
+        from them.
+    """
+    leaves = list(_leaves(value))
+    if not leaves:
+        return value
+    passed: list[Any] = dr.custom(_Accompanied, leaves, list(beside), [companion])
+    return cast("Value", _rebuilt(value, iter(passed)))
+
+
 class _Boundary(dr.CustomOp):
     """Nothing, but that derivatives are evaluated on their way through it."""
 
@@ -61,6 +81,23 @@ class _Boundary(dr.CustomOp):
 
     def name(self) -> str:
         return "evaluated"
+
+
+class _Accompanied(dr.CustomOp):
+    """Nothing, but that an object lives as long as this operation."""
+
+    def eval(self, leaves: list[Any], _beside: list[Any], companions: list[object]) -> list[Any]:
+        self.companions = companions
+        return [type(leaf)(leaf) for leaf in leaves]
+
+    def forward(self) -> None:
+        self.set_grad_out(self.grad_in("leaves"))
+
+    def backward(self) -> None:
+        self.set_grad_in("leaves", self.grad_out())
+
+    def name(self) -> str:
+        return "accompanied"
 
 
 def _parts(value: Any) -> dict[Any, Any]:

@@ -23,6 +23,7 @@ from vctgi.maths.cones import aperture_from_mean_cosine
 from vctgi.maths.directions import face_forward, kronecker_points, random_unit
 from vctgi.maths.lobes import TABLES, read_lobe_cone
 from vctgi.maths.stub_gaps import as_component, as_mask
+from vctgi.scene.forward_mode import ready_for_forward_mode
 from vctgi.scene.records import GBuffer
 
 LobeCones = Literal["sampled", "fitted"]
@@ -103,7 +104,7 @@ def trace_gbuffer(
         fitted = _fitted_cone(si, bsdf, normal, lobe_kinds, has_lobe)
         axis = dr.select(fitted.is_known, fitted.axis, axis)
         aperture = dr.select(fitted.is_known, fitted.aperture, aperture)
-    return GBuffer(
+    gbuffer = GBuffer(
         sample_index=sample_index,
         is_valid=mi.Bool(is_valid),
         position=dr.select(is_valid, si.p, 0.0),
@@ -116,6 +117,7 @@ def trace_gbuffer(
         specular_aperture=aperture,
         passed=passed,
     )
+    return ready_for_forward_mode(scene, gbuffer)
 
 
 @dataclass

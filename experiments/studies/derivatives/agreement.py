@@ -46,6 +46,8 @@ CONE_NAMES = (
 
 BOUNCES = "albedo of the walls, three scatterings"
 
+ROUGHNESS = "roughness of the ball"
+
 QUICK = ("aperture_scale", "opacity_exponent", "radiance of the lamp")
 """Those of the quick version."""
 
@@ -96,7 +98,7 @@ def checks(scene: str) -> list[Check]:
             in_quick=False,
         )
         for place in (
-            *(Place(name) for name in CONE_NAMES),
+            *(Place(name) for name in (*CONE_NAMES, ROUGHNESS)),
             *(Place(name, least=ENDS[1]) for name in ENDING),
         )
     ]
@@ -145,7 +147,7 @@ def _off(context: StudyContext, place: Place, mode: Way, step: Way) -> Measured:
         if is_decided or count >= MOST_SEEDS:
             break
         count *= 2
-    tabulate(context, place, (mode, step), count)
+    tabulate(context, place, (mode, step))
     note = "" if count == 1 else f"times {place.factor:g}, {count} seeds"
     return Measured(value=off.value, low=off.low, high=off.high, note=note)
 
@@ -162,7 +164,7 @@ def _jumps(context: StudyContext, place: Place) -> Measured:
         means.append(np.mean([by_reverse_mode(picture, start, float(each)) for each in shares]))
     whole, wanted = slopes(context, place, "mean", count), slopes(context, place, "coarse", count)
     off = disagreement(np.array(means), wanted, whole)
-    if place.least is None:
+    if place.least is None and place.name in CONE_NAMES:
         bias = Bounded(value=off.value, low=off.low, high=off.high)
         context.shelf.add_cells(TABLE, place.line, {"bias": bias})
     return off

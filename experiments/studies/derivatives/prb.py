@@ -54,8 +54,8 @@ PARAMETERS = {
 }
 """What is moved in each built-in scene, by what `mi.traverse` calls it."""
 
-ROOM_NAMES = ("albedo of the walls", "radiance of the lamp")
-"""What is moved in the room of the other rows; a roughness has no forward mode."""
+ROOM_NAMES = ("albedo of the walls", "radiance of the lamp", "roughness of the ball")
+"""What is moved in the room of the other rows."""
 
 QUICK = ("cornell_box", "radiance of the lamp")
 

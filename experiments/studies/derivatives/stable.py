@@ -23,6 +23,12 @@ LINEAR = 1e-3
 APERTURES = (1e-6, 0.01, 3.1, 3.14159)
 """Full apex angles, radians, from a ray to half of space."""
 
+EXPONENTS = (1e-3, 30.0, 1000.0)
+"""Exponents of the opacity: from hardly any to walls of which each voxel is opaque."""
+
+SHORT_STEPS = (0.25, 0.05)
+"""Steps in voxels, about as long wherever they are: the second takes hundreds for each cone."""
+
 ALBEDO, SCATTERINGS = 0.99, 6
 
 
@@ -53,6 +59,25 @@ def checks() -> list[Check]:
             )
             for aperture in APERTURES
         ),
+        *(
+            Check(
+                name=f"opacity exponent of {exponent:g}, derivative by its share over the mean",
+                configuration="reverse mode; finite, no limit",
+                scene=scene,
+                measure=partial(_exponent, exponent=exponent),
+                in_quick=False,
+            )
+            for exponent in EXPONENTS
+        ),
+        Check(
+            name=f"steps of {SHORT_STEPS[1]:g} voxels, derivative by the cones' share over that "
+            f"with {SHORT_STEPS[0]:g}",
+            configuration="reverse mode by all apertures; no limit, the picture changes, too",
+            scene=scene,
+            measure=_short_steps,
+            goal=1.0,
+            in_quick=False,
+        ),
         Check(
             name=f"walls of albedo {ALBEDO:g}, derivative by its share over the mean",
             configuration=f"reverse mode, {SCATTERINGS} scatterings; light of n of them goes with "
@@ -71,7 +96,9 @@ def _lamp(context: StudyContext, factor: float) -> Measured:
     key = SCENE_NAMES["radiance of the lamp"]
     picture = room.with_scene(key, room.config)
     held = room.scene_parameters[key]
-    return _share(picture, type(held)(held) * factor)
+    found = _share(picture, type(held)(held) * factor)
+    room.restore()
+    return found
 
 
 def _aperture(context: StudyContext, aperture: float) -> Measured:
@@ -80,12 +107,37 @@ def _aperture(context: StudyContext, aperture: float) -> Measured:
     return _share(room.with_cones("apertures"), type(held)(held * 0.0 + aperture))
 
 
+def _exponent(context: StudyContext, exponent: float) -> Measured:
+    room = derivative_room(context)
+    return _share(room.with_cones("opacity_exponent"), dr.opaque(mi.Float, exponent))
+
+
+def _short_steps(context: StudyContext) -> Measured:
+    room = derivative_room(context)
+    found = []
+    for step in SHORT_STEPS:
+
+        def picture(apertures: mi.Float, step: float = step) -> mi.Float:
+            lanes = {"min_step_voxels": step, "step_ratio": STEP_GROWTH * step}
+            numbers = {name: dr.opaque(mi.Float, value) for name, value in lanes.items()}
+            return room.numbers({"apertures": apertures, **numbers})
+
+        found.append(_share(picture, room.cones()["apertures"]).value)
+    return Measured(value=found[1] / found[0], note=f"{found[1]:.4g} over {found[0]:.4g}")
+
+
+STEP_GROWTH = 0.5
+"""Steps over the shortest one where a cone is as wide as a voxel."""
+
+
 def _feedback(context: StudyContext) -> Measured:
     room = derivative_room(context)
     key = SCENE_NAMES["albedo of the walls"]
     config = replace(room.config, scattering_count=SCATTERINGS, samples_per_pixel=1)
     held = room.scene_parameters[key]
-    return _share(room.with_scene(key, config), type(held)(held) * 0.0 + ALBEDO)
+    found = _share(room.with_scene(key, config), type(held)(held) * 0.0 + ALBEDO)
+    room.restore()
+    return found
 
 
 def _share(picture: Picture, start: Any) -> Measured:

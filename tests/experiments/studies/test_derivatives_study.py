@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from experiments.studies.catalogue import checks_of, find_study
-from experiments.studies.check import RefusedError, StudyContext
+from experiments.studies.check import StudyContext
 from experiments.studies.derivatives import agreement
 from experiments.studies.derivatives.measure import (
     by_differences,
     by_forward_mode,
     by_reverse_mode,
     disagreement,
-    forward_slope,
     moved,
 )
-from experiments.studies.derivatives.slopes import MOST_SEEDS, Place
+from experiments.studies.derivatives.slopes import MOST_SEEDS, SEEDS, Place, Way
+from reports.study_figures import TableFigure
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -56,22 +56,6 @@ def test_the_derivative_at_a_share_is_by_the_same_share() -> None:
     assert found == pytest.approx(2.0 * (held.sum() + slope / 3.0) * slope, rel=1e-6)
 
 
-def test_a_forward_mode_that_dr_jit_refuses_is_a_refused_row(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    words = "edge a1 -> a2, which lies outside of the current dr.isolate_grad() scope."
-
-    def refuse(*_arguments: object, **_options: object) -> None:
-        raise RuntimeError(words)
-
-    monkeypatch.setattr(dr, "forward_to", refuse)
-    with pytest.raises(RefusedError, match="reverse mode has"):
-        forward_slope(mi.Float(1.0))
-    words = "out of memory"
-    with pytest.raises(RuntimeError, match=words):
-        forward_slope(mi.Float(1.0))
-
-
 def test_a_derivative_that_hardly_counts_is_compared_to_the_mean() -> None:
     one = np.ones(1)
     assert disagreement(1.1 * one, one, one).value == pytest.approx(0.1)
@@ -105,3 +89,26 @@ def test_seeds_are_added_until_the_interval_leaves_the_limit(
     assert max(asked) == count
     assert found.value == pytest.approx(0.1)
     assert found.note == f"times 1, {count} seeds"
+
+
+def test_columns_of_the_table_are_of_the_same_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many seeds a comparison needs: each seed's derivative is its number plus one."""
+
+    def slope(_context: object, _place: object, way: str, seed: int) -> float:
+        return 1.0 if way == "mean" else 1.0 + seed
+
+    monkeypatch.setattr("experiments.studies.derivatives.slopes._slope", slope)
+    context = StudyContext(quick=False, progress=lambda _step, _share: None)
+    pairs: list[tuple[Way, Way]] = [
+        ("forward", "fine"),
+        ("reverse", "fine"),
+        ("reverse", "coarse"),
+    ]
+    for mode, step in pairs:
+        agreement._off(context, Place("step_ratio"), mode, step)
+    (table,) = context.shelf.figures
+    assert isinstance(table, TableFigure)
+    (line,) = table.lines
+    found = [cell for cell in line.cells if cell is not None]
+    assert {cell.value for cell in found} == {1.0 + 0.5 * (SEEDS[0] - 1)}
+    assert len(found) == 4
