@@ -22,6 +22,7 @@ from vctgi.config import RenderConfig
 from vctgi.frame_pipeline import FrameTally
 from vctgi.pipeline import Frame, PreparedScene, update_voxels, voxelize_scene
 from vctgi.prepared import StageClock, no_clock
+from vctgi.trace_cache import TraceCache
 
 STILL, CAMERA, LIGHTS = "still", "moving camera", "moving light"
 """Kinds of frames."""
@@ -71,8 +72,14 @@ class Walk:
         One of `KINDS`.
     """
 
-    def __init__(self, prepared: PreparedScene, config: RenderConfig, kind: str) -> None:
-        self.prepared, self.config, self.kind = prepared, config, kind
+    def __init__(
+        self,
+        prepared: PreparedScene,
+        config: RenderConfig,
+        kind: str,
+        cache: TraceCache | None = None,
+    ) -> None:
+        self.prepared, self.config, self.kind, self.cache = prepared, config, kind, cache
         self._voxels = voxelize_scene(prepared, config)
         self._lit = vctgi.light_volume(prepared, config, voxels=self._voxels)
         self._view = _matrix(prepared.sensor)
@@ -97,7 +104,9 @@ class Walk:
         if self.kind != STILL:
             self._lit = vctgi.light_volume(prepared, self.config, clock, self._voxels)
             texels = self._lit.texel_count
-        frame = vctgi.render_frame(prepared, self.volume, self.config, clock, seed=number)
+        frame = vctgi.render_frame(
+            prepared, self.volume, self.config, clock, seed=number, cache=self.cache
+        )
         return WalkedFrame(frame, self.volume, filled, texels)
 
     def count(self, volume: VoxelVolume, clock: StageClock) -> FrameTally:
