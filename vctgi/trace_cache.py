@@ -22,7 +22,6 @@ from vctgi.config import RenderConfig
 from vctgi.maths.constant_tables import kept_tables
 from vctgi.prepared import PreparedScene
 from vctgi.scene.extent import scene_bounds
-from vctgi.scene.triangles import SceneTriangles
 
 Found = TypeVar("Found")
 
@@ -38,11 +37,10 @@ class TraceCache:
     def __init__(self) -> None:
         self._scene: mi.Scene | None = None
         self._frozen: dict[Hashable, _Recorded | None] = {}
-        self._bounds: tuple[SceneTriangles, Hashable] | None = None
 
     def clear(self) -> None:
         """Forget everything."""
-        self._scene, self._bounds = None, None
+        self._scene = None
         self._frozen.clear()
 
     @property
@@ -59,12 +57,9 @@ class TraceCache:
         plan, sensor = prepared.plan, prepared.sensor
         size = tuple(int(n) for n in sensor.film().crop_size())
         shutter = float(sensor.shutter_open()), float(sensor.shutter_open_time())
-        if self._bounds is None or self._bounds[0] is not prepared.triangles:
-            # Shapes that moved are prepared anew, and to ask all of them takes long.
-            corners = scene_bounds(prepared.scene)
-            self._bounds = prepared.triangles, tuple(x for end in corners for x in end.tolist())
+        bounds = tuple(x for corner in scene_bounds(prepared.scene) for x in corner.tolist())
         parts = (plan.has_specular, plan.has_passing, plan.has_sky_in_cones)
-        return config, size, shutter, self._bounds[1], parts
+        return config, size, shutter, bounds, parts
 
     def run(
         self,

@@ -126,12 +126,24 @@ def _is_whole(name: str, cut: tuple[str, ...]) -> bool:
 def has_moving_parts(emitter: mi.Emitter) -> bool:
     """Whether an emitter, or the shape that it belongs to, has derivatives by where it is."""
     shape = emitter.get_shape()
-    return _has_moving(emitter) or (shape is not None and _has_moving(shape))
+    return _has_moving(emitter) or (shape is not None and _is_moving(shape))
 
 
 def has_moving_shapes(scene: mi.Scene) -> bool:
     """Whether any shape has derivatives by where it is."""
-    return any(_has_moving(shape) for shape in scene.shapes())
+    return any(_is_moving(shape) for shape in scene.shapes())
+
+
+def _is_moving(shape: mi.Shape) -> bool:
+    """Whether a shape has derivatives by where it is.
+
+    Asked in every frame, so without a list of parameters where that is not needed.
+    """
+    if not isinstance(shape, mi.Mesh):
+        is_known = shape.class_name() in MOVING_SHAPES
+        return shape.parameters_grad_enabled() if is_known else _has_moving(shape)
+    # By corners, or a matrix; what only bends the shading is not among them.
+    return bool(shape.parameters_grad_enabled() or dr.grad_enabled(shape.vertex_normals_buffer()))
 
 
 def _has_moving(part: mi.Object) -> bool:
