@@ -53,6 +53,7 @@ from vctgi.stages.voxelization.emittance import voxelize_emission
 from vctgi.stages.voxelization.opacity import voxelize_triangles
 from vctgi.stages.voxelization.triangles import DeviceTriangles, upload_triangles
 from vctgi.stages.voxelization.update import changed_bounds, update_opacity
+from vctgi.trace_cache import TraceCache
 
 
 @dataclass
@@ -226,6 +227,7 @@ def light_volume(
     clock: StageClock = no_clock,
     voxels: SceneVoxels | None = None,
     parameters: ConeParameters | None = None,
+    cache: TraceCache | None = None,
 ) -> LitVolume:
     """Light the voxels of a scene, which are made first if they are not given.
 
@@ -241,13 +243,22 @@ def light_volume(
         What `voxelize_scene` or `update_voxels` returned; None: made here.
     parameters
         Values that go before the numbers of `config`, for derivatives; None: those numbers.
+    cache
+        Kept by the caller for the next frame, as for `render_frame`, and not for derivatives.
 
     Raises
     ------
     ValueError
-        Parameters out of their bounds.
+        Parameters out of their bounds; a cache with parameters.
     """
     plan = prepared.plan
+    if cache is not None:
+        if parameters is not None:
+            raise ValueError(
+                "light_volume: voxels that have derivatives are lit anew each time; leave out "
+                "`cache`."
+            )
+        cache.hold(prepared.scene)
     if parameters is not None:
         parameters.check_bounds()
     if voxels is None:
@@ -261,7 +272,12 @@ def light_volume(
             return LitVolume(_pack(merged, nothing, plan, config), [], 0)
     with clock("reflective shadow maps"):
         maps = render_reflective_shadow_maps(
-            prepared.scene, list(plan.lights), plan.layout, config.reflective_shadow_map, opacity
+            prepared.scene,
+            list(plan.lights),
+            plan.layout,
+            config.reflective_shadow_map,
+            opacity,
+            cache,
         )
     if config.injection.needs_radiance:
         with clock("radiance of lit points"):

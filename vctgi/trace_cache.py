@@ -49,11 +49,15 @@ class TraceCache:
         kept = (each for each in self._frozen.values() if each is not None)
         return sum(int(each.frozen.n_recordings) for each in kept)
 
+    def hold(self, scene: mi.Scene) -> None:
+        """Keep what frames of a scene trace; another than before empties the cache."""
+        if self._scene is not scene:
+            self.clear()
+            self._scene = scene
+
     def key_of(self, prepared: PreparedScene, config: RenderConfig) -> Hashable:
         """Return what frames have to share to be traced alike; another scene empties the cache."""
-        if self._scene is not prepared.scene:
-            self.clear()
-            self._scene = prepared.scene
+        self.hold(prepared.scene)
         plan, sensor = prepared.plan, prepared.sensor
         size = tuple(int(n) for n in sensor.film().crop_size())
         shutter = float(sensor.shutter_open()), float(sensor.shutter_open_time())

@@ -102,7 +102,9 @@ class Walk:
             with clock(CHANGE):
                 self._move_lights(number)
         if self.kind != STILL:
-            self._lit = vctgi.light_volume(prepared, self.config, clock, self._voxels)
+            self._lit = vctgi.light_volume(
+                prepared, self.config, clock, self._voxels, cache=self.cache
+            )
             texels = self._lit.texel_count
         frame = vctgi.render_frame(
             prepared, self.volume, self.config, clock, seed=number, cache=self.cache

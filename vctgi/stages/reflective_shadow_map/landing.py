@@ -13,6 +13,7 @@ from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.slots import filled_layers, surface_slot
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.directions import face_forward, front_normal
+from vctgi.maths.recording import Recorder, run_recorded
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.records import ReflectiveShadowMap
 from vctgi.scene.reflectance import hemispherical_albedo
@@ -33,6 +34,7 @@ def land(
     windows: LaneWindows | None,
     texel: mi.UInt32,
     origins: RayOrigins | None = None,
+    recorder: Recorder | None = None,
 ) -> tuple[ReflectiveShadowMap, mi.UInt32] | None:
     """Find the lit points of rays.
 
@@ -49,6 +51,8 @@ def land(
     origins
         What the rays were made from, where lights or surfaces have derivatives by where they are;
         None: nothing has.
+    recorder
+        Keeps what is traced; not for what has derivatives.
 
     Returns
     -------
@@ -69,6 +73,32 @@ def land(
     hit = mi.UInt32(dr.compress(is_kept))
     if dr.width(hit) == 0:
         return None
+
+    def lit_points(
+        _scene: mi.Scene,
+        found: mi.PreliminaryIntersection3f,
+        ray: mi.Ray3f,
+        flux: mi.Color3f,
+        texel: mi.UInt32,
+        hit: mi.UInt32,
+    ) -> ReflectiveShadowMap:
+        return _lit_points(found, ray, flux, texel, hit, origins)
+
+    result = run_recorded(
+        recorder, ("lit points", windows is None), lit_points, scene, found, ray, flux, texel, hit
+    )
+    return result, hit
+
+
+def _lit_points(
+    found: mi.PreliminaryIntersection3f,
+    ray: mi.Ray3f,
+    flux: mi.Color3f,
+    texel: mi.UInt32,
+    hit: mi.UInt32,
+    origins: RayOrigins | None,
+) -> ReflectiveShadowMap:
+    """Return the surfaces where some rays landed, and what they reflect."""
     ray = dr.gather(mi.Ray3f, ray, hit)
     flux = dr.gather(mi.Color3f, flux, hit)
     met = dr.gather(type(found), found, hit)
@@ -87,7 +117,7 @@ def land(
         live = met.compute_surface_interaction(ray, flags)
         flux, shaded = follow_lights(Landing(live, ray.d, hit, flux, factor), origins)
     reflected = shaded * hemispherical_albedo(si, dr.gather(mi.UInt32, texel, hit))
-    result = ReflectiveShadowMap(
+    return ReflectiveShadowMap(
         light_name="",
         level=None,
         position=si.p,
@@ -95,7 +125,6 @@ def land(
         incident_flux=flux,
         reflected_flux=reflected,
     )
-    return result, hit
 
 
 @dataclass

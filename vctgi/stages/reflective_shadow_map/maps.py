@@ -12,6 +12,7 @@ import numpy as np
 from vctgi.clipmap.levels import ClipmapLayout
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.errors import SceneError
+from vctgi.maths.recording import Recorder
 from vctgi.maths.stub_gaps import as_component
 from vctgi.scene.derivatives import has_moving_shapes
 from vctgi.scene.lights import Light
@@ -34,6 +35,7 @@ def render_reflective_shadow_maps(
     layout: ClipmapLayout,
     config: ReflectiveShadowMapConfig,
     opacity: OpacityClipmap | None = None,
+    recorder: Recorder | None = None,
 ) -> list[ReflectiveShadowMap]:
     """Trace the light of every emitter to where it first lands.
 
@@ -50,6 +52,8 @@ def render_reflective_shadow_maps(
     opacity
         Voxels of that clipmap: light from outside gets its texels where they show it, and not on
         the undersides of floors. Without them its texels go to all surfaces in a window.
+    recorder
+        Keeps what is traced; not for what has derivatives.
 
     Returns
     -------
@@ -74,7 +78,7 @@ def render_reflective_shadow_maps(
     if lamps:
         most = min(affordable * len(lamps), wanted * config.full_lamp_count)
         full = min(wanted, most)
-        maps.append(_light_by_lamps(scene, lights, lamps, layout, (config, full, most)))
+        maps.append(_light_by_lamps(scene, lights, lamps, layout, (config, full, most), recorder))
     for index in distant:
         limits = (min(wanted, affordable), affordable)
         is_moving = anything_moves([lights[index]])
@@ -87,7 +91,7 @@ def render_reflective_shadow_maps(
         if is_moving or has_moving_shapes(scene):
             middle = mi.Point2f(dr.full(mi.Float, 0.5, count), 0.5)
             origins = RayOrigins(lights, owner, middle, middle, dr.full(mi.Float, 1.0, count))
-        landed = land(scene, rays.ray, rays.flux, rays.windows, rays.texel, origins)
+        landed = land(scene, rays.ray, rays.flux, rays.windows, rays.texel, origins, recorder)
         if landed is not None:
             found, hit = landed
             named = replace(found, light_name=lights[index].name)
@@ -149,6 +153,7 @@ def _light_by_lamps(
     lamps: list[int],
     layout: ClipmapLayout,
     limits: tuple[ReflectiveShadowMapConfig, int, int],
+    recorder: Recorder | None,
 ) -> ReflectiveShadowMap | None:
     """Trace all lamps in one launch; None if none of them reaches anything."""
     chosen = [lights[index] for index in lamps]
@@ -166,7 +171,7 @@ def _light_by_lamps(
     if is_followed:
         share = 1.0 / mi.Float(texel_count)
         origins = RayOrigins(lights, owner, rays.position, rays.direction, share)
-    landed = land(scene, rays.ray, flux, None, rays.texel, origins)
+    landed = land(scene, rays.ray, flux, None, rays.texel, origins, recorder)
     if landed is None:
         return None
     found, hit = landed
