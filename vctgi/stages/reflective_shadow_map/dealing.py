@@ -6,6 +6,8 @@ takes them, and equal pilots deal equal texels.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import drjit as dr
 import mitsuba as mi
 
@@ -24,14 +26,23 @@ def deal(weight: mi.Float, *texel_counts: int) -> mi.UInt32:
     texel_counts
         Texels to deal to each grid; with fewer than cells each cell still gets its one.
     """
-    cell_count = dr.width(weight) // len(texel_counts)
+    return deal_spare(weight, spare_texels(dr.width(weight) // len(texel_counts), texel_counts))
+
+
+def spare_texels(cell_count: int, texel_counts: Sequence[int]) -> mi.Float64:
+    """Return the texels of grids that are left when each of their cells has one."""
+    return mi.Float64([float(max(count - cell_count, 0)) for count in texel_counts])
+
+
+def deal_spare(weight: mi.Float, spare: mi.Float64) -> mi.UInt32:
+    """Return the texels of each cell, as `deal` does, of so many to spare in each grid."""
+    cell_count = dr.width(weight) // dr.width(spare)
     cell = dr.arange(mi.UInt32, dr.width(weight))
     grid = cell // cell_count
     largest = dr.gather(mi.Float, block_max(weight, cell_count), grid)
     is_dark = largest <= 0.0
     relative = dr.select(is_dark, 1.0, weight / dr.select(is_dark, 1.0, largest))
     fixed = mi.UInt64(mi.Float64(relative) * float(1 << WEIGHT_BITS))
-    spare = mi.Float64([float(max(count - cell_count, 0)) for count in texel_counts])
     up_to = mi.UInt64(dr.block_prefix_sum(fixed, cell_count, exclusive=False))
     dr.eval(up_to)
     total = mi.Float64(dr.gather(mi.UInt64, up_to, (grid + 1) * cell_count - 1))

@@ -21,20 +21,30 @@ import mitsuba as mi
 import numpy as np
 
 from vctgi.clipmap.levels import LevelLayout
+from vctgi.clipmap.slots import DEFAULT_RULE, SlotRule
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.colors import channel_mean
 from vctgi.maths.directions import kronecker_points, kronecker_points_4d, random_unit
+from vctgi.maths.recording import Recorder, run_recorded
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.extent import scene_bounds
 from vctgi.scene.lights import Light
 from vctgi.stages.reflective_shadow_map.dealing import (
     block_max,
     deal,
+    deal_spare,
     dealt_count,
     owners,
     smoothed,
+    spare_texels,
 )
-from vctgi.stages.reflective_shadow_map.landing import LaneWindows, is_seen
+from vctgi.stages.reflective_shadow_map.landing import (
+    Landings,
+    LaneWindows,
+    WindowTable,
+    find_landings,
+    is_seen,
+)
 
 PILOT_RAYS_PER_CELL = 4
 """Rays by which the pilot judges a cell."""
@@ -59,18 +69,33 @@ class DistantRays:
 
     Attributes
     ----------
-    ray, flux
-        Rays, and the power of each, W.
-    windows
-        The window that each is meant for.
+    landings
+        Rays, and where they land near their windows.
+    window
+        The number of the window that each is meant for.
     texel
         Number of each among those of its window.
     """
 
-    ray: mi.Ray3f
-    flux: mi.Color3f
-    windows: LaneWindows
+    landings: Landings
+    window: mi.UInt32
     texel: mi.UInt32
+
+
+@dataclass
+class _Windows:
+    """The windows that a distant light is aimed at, on the device.
+
+    Attributes
+    ----------
+    table
+        Where they stand.
+    aims
+        Flat [window, `AIM_SIZE`].
+    """
+
+    table: WindowTable
+    aims: mi.Float
 
 
 def distant_rays(
@@ -79,8 +104,9 @@ def distant_rays(
     levels: Sequence[LevelLayout],
     opacity: OpacityClipmap | None,
     limits: tuple[int, int],
+    recorder: Recorder | None = None,
 ) -> DistantRays:
-    """Return rays of a distant light for windows.
+    """Send rays of a distant light to windows.
 
     Parameters
     ----------
@@ -94,18 +120,44 @@ def distant_rays(
         Voxels that can be seen: texels are dealt to those. None deals to all of the window.
     limits
         Texels that should land in each; rays that may be sent for that, the pilot's aside.
+    recorder
+        Keeps what is traced; not for what has derivatives.
     """
     texel_count, most_rays = limits
-    cells = _Cells(scene, light, levels, texel_count)
-    weight, landing = cells.pilot(opacity)
-    dealt = deal(weight, *[texel_count] * len(levels))
+    cells = _Cells(light, levels, texel_count)
+    bounds = scene_bounds(scene)
+    aims = mi.Float([number for level in levels for number in _aim(bounds, level)])
+    windows = _Windows(WindowTable.of(levels), aims)
+    rule = DEFAULT_RULE if opacity is None else opacity.rule
+    own = None if opacity is None else [opacity.levels[level.level] for level in levels]
+    spare = spare_texels(cells.count, [texel_count] * len(levels))
+
+    def pilot(
+        scene: mi.Scene, windows: _Windows, opacity: list[mi.Float] | None, spare: mi.Float64
+    ) -> tuple[mi.Float, mi.Float]:
+        weight, landing = cells.pilot(scene, windows, opacity, rule)
+        landed = mi.Float(dr.block_sum(landing * deal_spare(weight, spare), cells.count))
+        dr.eval(weight, landed)
+        return weight, landed
+
+    key = (light.name, cells.key, rule)
+    weight, landings = run_recorded(
+        recorder, ("pilot", key, own is None), pilot, scene, windows, own, spare
+    )
     texels = PILOT_RAYS_PER_CELL * dealt_count(cells.count, texel_count)
     counts = []
-    for landed in np.array(dr.block_sum(landing * dealt, cells.count)):
+    for landed in np.array(landings):
         wanted = math.ceil(texel_count / max(float(landed) / texels, LEAST_LANDING_SHARE))
         counts.append(min(wanted, max(most_rays, cells.count)))
     sent = [dealt_count(cells.count, count) for count in counts]
-    return cells.rays(deal(weight, *counts), [0, *accumulate(sent)])
+    starts = [0, *accumulate(sent)]
+    dealt = deal(weight, *counts)
+    cell = owners(dealt, starts[-1])
+    first = mi.UInt32(starts)
+    dr.eval(dealt, cell)
+    return run_recorded(
+        recorder, ("distant rays", key), cells.send, scene, windows, dealt, cell, first
+    )
 
 
 def _cell_means(value: mi.Float) -> mi.Float:
@@ -125,36 +177,44 @@ def survey_distant(light: Light) -> float:
 class _Cells:
     """The coordinates of a distant light's rays for each window, in cells."""
 
-    def __init__(
-        self, scene: mi.Scene, light: Light, levels: Sequence[LevelLayout], texel_count: int
-    ) -> None:
-        self.scene, self.light, self.levels = scene, light, levels
+    def __init__(self, light: Light, levels: Sequence[LevelLayout], texel_count: int) -> None:
+        self.light = light
+        self.window_count, self.resolution = len(levels), levels[0].resolution
         self.axis_count = 2 if light.is_delta_direction else 4
         affordable = int((texel_count / PILOT_RAYS_PER_CELL) ** (1.0 / self.axis_count) + 1e-6)
         self.per_axis = max(1, min(MOST_CELLS_PER_AXIS[self.axis_count], affordable))
         self.count = self.per_axis**self.axis_count
-        bounds = scene_bounds(scene)
-        self.aims = mi.Float([number for level in levels for number in _aim(bounds, level)])
 
-    def pilot(self, opacity: OpacityClipmap | None) -> tuple[mi.Float, mi.UInt32]:
+    @property
+    def key(self) -> tuple[int, ...]:
+        """All numbers that rays depend on besides arrays."""
+        return self.axis_count, self.per_axis, self.window_count, self.resolution
+
+    def pilot(
+        self,
+        scene: mi.Scene,
+        windows: _Windows,
+        opacity: Sequence[mi.Float] | None,
+        rule: SlotRule,
+    ) -> tuple[mi.Float, mi.UInt32]:
         """Send a few rays of each cell; return its weight and how many of them land.
 
         A ray lands where it can be seen. The variance of a cell's sum goes with the mean square
         of its power, so the best share of the texels goes with the root of that.
         """
         ray_count = self.count * PILOT_RAYS_PER_CELL
-        lane = dr.arange(mi.UInt32, ray_count * len(self.levels))
-        windows = LaneWindows.of(self.levels, lane // ray_count)
+        lane = dr.arange(mi.UInt32, ray_count * self.window_count)
+        own = LaneWindows(windows.table, self.resolution, lane // ray_count)
         lane %= ray_count
         inside = [random_unit(lane, axis) for axis in range(self.axis_count)]
-        ray, flux = self._at(lane // PILOT_RAYS_PER_CELL, windows.number, inside)
-        si = self.scene.ray_intersect(ray, as_mask(True))
+        ray, flux = self._at(windows, lane // PILOT_RAYS_PER_CELL, own.number, inside)
+        si = scene.ray_intersect(ray, as_mask(True))
         power = dr.detach(channel_mean(flux))
         # A sick light is refused by name where its power is checked.
-        lands = is_seen(si, mi.Vector3f(ray.d), windows, opacity) & dr.isfinite(power)
+        lands = is_seen(si, mi.Vector3f(ray.d), own, opacity, rule) & dr.isfinite(power)
         power = dr.zeros(mi.Float, dr.width(lane)) + mi.Float(dr.select(lands, power, 0.0))
         # Over the largest first: the square of a sun's power would overflow.
-        largest = dr.gather(mi.Float, block_max(power, ray_count), windows.number)
+        largest = dr.gather(mi.Float, block_max(power, ray_count), own.number)
         power = dr.maximum(power, 0.0) / dr.select(largest > 0.0, largest, 1.0)
         landed = dr.select(power > 0.0, mi.UInt32(1), 0)
         landing = mi.UInt32(dr.block_sum(landed, PILOT_RAYS_PER_CELL))
@@ -162,20 +222,27 @@ class _Cells:
         spread = smoothed(own, self.per_axis, self.axis_count)
         return OWN_SHARE * own + (1.0 - OWN_SHARE) * spread, landing
 
-    def rays(self, dealt: mi.UInt32, starts: list[int]) -> DistantRays:
-        """Rays of so many texels for each cell; those of each window from its start to the next."""
-        cell = owners(dealt, starts[-1])
+    def send(
+        self,
+        scene: mi.Scene,
+        windows: _Windows,
+        dealt: mi.UInt32,
+        cell: mi.UInt32,
+        starts: mi.UInt32,
+    ) -> DistantRays:
+        """Send rays of cells, so many of each; those of each window from its start to the next."""
         share = 1.0 / (self.count * mi.Float(dr.gather(mi.UInt32, dealt, cell)))
-        windows = LaneWindows.of(self.levels, cell // self.count)
-        lane = dr.arange(mi.UInt32, starts[-1])
-        lane -= dr.gather(mi.UInt32, mi.UInt32(starts), windows.number)
+        own = LaneWindows(windows.table, self.resolution, cell // self.count)
+        lane = dr.arange(mi.UInt32, dr.width(cell))
+        lane -= dr.gather(mi.UInt32, starts, own.number)
         inside = kronecker_points(lane) if self.axis_count == 2 else kronecker_points_4d(lane)
         places = [mi.Float(each) for each in inside]
-        ray, flux = self._at(cell % self.count, windows.number, places)
-        return DistantRays(ray, flux * as_component(share), windows, lane)
+        ray, flux = self._at(windows, cell % self.count, own.number, places)
+        landings = find_landings(scene, ray, flux * as_component(share), own)
+        return DistantRays(landings, own.number, lane)
 
     def _at(
-        self, cell: mi.UInt32, window: mi.UInt32, inside: list[mi.Float]
+        self, windows: _Windows, cell: mi.UInt32, window: mi.UInt32, inside: list[mi.Float]
     ) -> tuple[mi.Ray3f, mi.Color3f]:
         """Rays at places inside cells, and the power that all light had if it were like each."""
         coordinates = []
@@ -184,14 +251,14 @@ class _Cells:
             cell //= self.per_axis
         on_disc = mi.Point2f(coordinates[0], coordinates[1])
         towards = mi.Point2f(*coordinates[2:]) if self.axis_count == 4 else mi.Point2f(0.5)
-        return self._rays(on_disc, towards, window)
+        return self._rays(windows, on_disc, towards, window)
 
     def _rays(
-        self, on_disc: mi.Point2f, towards: mi.Point2f, window: mi.UInt32
+        self, windows: _Windows, on_disc: mi.Point2f, towards: mi.Point2f, window: mi.UInt32
     ) -> tuple[mi.Ray3f, mi.Color3f]:
         """Rays from places on the disc, in [0, 1)^2, and directions of the emitter's sampling."""
         x, y, z, radius, outside = (
-            as_component(dr.gather(mi.Float, self.aims, AIM_SIZE * window + k))
+            as_component(dr.gather(mi.Float, windows.aims, AIM_SIZE * window + k))
             for k in range(AIM_SIZE)
         )
         it = dr.zeros(mi.SurfaceInteraction3f, dr.width(on_disc))

@@ -10,8 +10,7 @@ import mitsuba as mi
 
 from vctgi.clipmap.addressing import texel_from_voxel
 from vctgi.clipmap.levels import LevelLayout
-from vctgi.clipmap.slots import filled_layers, surface_slot
-from vctgi.clipmap.storage import OpacityClipmap
+from vctgi.clipmap.slots import SlotRule, filled_layers, surface_slot
 from vctgi.maths.directions import face_forward, front_normal
 from vctgi.maths.recording import Recorder, run_recorded
 from vctgi.maths.stub_gaps import as_component, as_mask
@@ -60,6 +59,37 @@ def land(
         The map, without the name of its light and for no level, and which rays its texels are, in
         their order. None if all miss.
     """
+    landings = find_landings(scene, ray, flux, windows)
+    return light_landings(scene, landings, texel, origins, recorder)
+
+
+@dataclass
+class Landings:
+    """Rays of light, and where they land.
+
+    Attributes
+    ----------
+    ray, flux
+        The rays, and the power of each, W.
+    found
+        What they meet first.
+    is_kept
+        Which of them land where it counts.
+    is_power
+        Which of them carry a power that is one: not negative, infinite or NaN.
+    """
+
+    ray: mi.Ray3f
+    flux: mi.Color3f
+    found: mi.PreliminaryIntersection3f
+    is_kept: mi.Bool
+    is_power: mi.Bool
+
+
+def find_landings(
+    scene: mi.Scene, ray: mi.Ray3f, flux: mi.Color3f, windows: LaneWindows | None
+) -> Landings:
+    """Find where rays land; as for `land`."""
     # Calls of emitters and shapes bring ties to all that are alive, also of other scenes.
     ray = dr.detach(ray)
     is_lit = dr.max(flux) > 0.0
@@ -69,39 +99,39 @@ def land(
     is_kept = found.is_valid() & is_lit
     if windows is not None:
         is_kept &= as_mask(windows.are_near(mi.Point3f(ray(found.t))))
-    dr.eval(found, ray, flux, is_kept)
-    hit = mi.UInt32(dr.compress(is_kept))
+    is_power = mi.Bool(dr.all((flux >= 0.0) & dr.isfinite(flux)))
+    dr.eval(found, ray, flux, is_kept, is_power)
+    return Landings(ray, flux, found, mi.Bool(is_kept), is_power)
+
+
+def light_landings(
+    scene: mi.Scene,
+    landings: Landings,
+    texel: mi.UInt32,
+    origins: RayOrigins | None = None,
+    recorder: Recorder | None = None,
+) -> tuple[ReflectiveShadowMap, mi.UInt32] | None:
+    """Return the lit points of rays, as `land` does."""
+    hit = mi.UInt32(dr.compress(landings.is_kept))
     if dr.width(hit) == 0:
         return None
 
     def lit_points(
-        _scene: mi.Scene,
-        found: mi.PreliminaryIntersection3f,
-        ray: mi.Ray3f,
-        flux: mi.Color3f,
-        texel: mi.UInt32,
-        hit: mi.UInt32,
+        _scene: mi.Scene, landings: Landings, texel: mi.UInt32, hit: mi.UInt32
     ) -> ReflectiveShadowMap:
-        return _lit_points(found, ray, flux, texel, hit, origins)
+        return _lit_points(landings, texel, hit, origins)
 
-    result = run_recorded(
-        recorder, ("lit points", windows is None), lit_points, scene, found, ray, flux, texel, hit
-    )
-    return result, hit
+    found = run_recorded(recorder, "lit points", lit_points, scene, landings, texel, hit)
+    return found, hit
 
 
 def _lit_points(
-    found: mi.PreliminaryIntersection3f,
-    ray: mi.Ray3f,
-    flux: mi.Color3f,
-    texel: mi.UInt32,
-    hit: mi.UInt32,
-    origins: RayOrigins | None,
+    landings: Landings, texel: mi.UInt32, hit: mi.UInt32, origins: RayOrigins | None
 ) -> ReflectiveShadowMap:
     """Return the surfaces where some rays landed, and what they reflect."""
-    ray = dr.gather(mi.Ray3f, ray, hit)
-    flux = dr.gather(mi.Color3f, flux, hit)
-    met = dr.gather(type(found), found, hit)
+    ray = dr.gather(mi.Ray3f, landings.ray, hit)
+    flux = dr.gather(mi.Color3f, landings.flux, hit)
+    met = dr.gather(type(landings.found), landings.found, hit)
     with dr.suspend_grad():  # type: ignore[no-untyped-call]
         si = met.compute_surface_interaction(ray)
     normal = mi.Vector3f(si.n)
@@ -128,29 +158,27 @@ def _lit_points(
 
 
 @dataclass
-class LaneWindows:
-    """Windows of clip levels, each lane its own.
+class WindowTable:
+    """Windows of clip levels of one resolution, on the device.
 
     Attributes
     ----------
-    levels
-        All of them, of one resolution.
-    number
-        Which of them is the lane's.
-    corners
-        Flat [window, (lowest voxel, least and most world coordinate that counts as near), axis].
+    origins
+        Flat [window, axis]: lowest voxel.
+    least, most
+        Flat [window, axis]: least and most world coordinate that counts as near.
     voxel_sizes
         [window] world units.
     """
 
-    levels: Sequence[LevelLayout]
-    number: mi.UInt32
-    corners: tuple[mi.Int32, mi.Float, mi.Float]
+    origins: mi.Int32
+    least: mi.Float
+    most: mi.Float
     voxel_sizes: mi.Float
 
     @classmethod
-    def of(cls, levels: Sequence[LevelLayout], number: mi.UInt32) -> LaneWindows:
-        """Return windows of lanes by their place in a list."""
+    def of(cls, levels: Sequence[LevelLayout]) -> WindowTable:
+        """Return the windows of levels."""
         least, most = [], []
         for level in levels:
             reach = WINDOW_REACH_VOXELS * level.voxel_size
@@ -158,32 +186,49 @@ class LaneWindows:
             most += [x + reach for x in level.window_max]
         origins = mi.Int32([x for level in levels for x in level.origin])
         sizes = mi.Float([level.voxel_size for level in levels])
-        return cls(levels, number, (origins, mi.Float(least), mi.Float(most)), sizes)
+        return cls(origins, mi.Float(least), mi.Float(most), sizes)
+
+
+@dataclass
+class LaneWindows:
+    """Windows of clip levels, each lane its own.
+
+    Attributes
+    ----------
+    table
+        All of them.
+    resolution
+        Voxels along their edges.
+    number
+        Which of them is the lane's.
+    """
+
+    table: WindowTable
+    resolution: int
+    number: mi.UInt32
 
     def are_near(self, p_world: mi.Point3f) -> mi.Bool:
         """Whether points are so near to their window that their surfaces may fill its voxels."""
         near = mi.Bool(True)
-        _, least, most = self.corners
         for axis in range(3):
             row = 3 * self.number + axis
-            near &= p_world[axis] >= dr.gather(mi.Float, least, row)
-            near &= p_world[axis] <= dr.gather(mi.Float, most, row)
+            near &= p_world[axis] >= dr.gather(mi.Float, self.table.least, row)
+            near &= p_world[axis] <= dr.gather(mi.Float, self.table.most, row)
         return near
 
     def hold(self, voxel: mi.Vector3i) -> mi.Bool:
         """Whether voxels lie in their window."""
         inside = mi.Bool(True)
         for axis in range(3):
-            origin = dr.gather(mi.Int32, self.corners[0], 3 * self.number + axis)
-            inside &= mi.UInt32(voxel[axis] - origin) < self.levels[0].resolution
+            origin = dr.gather(mi.Int32, self.table.origins, 3 * self.number + axis)
+            inside &= mi.UInt32(voxel[axis] - origin) < self.resolution
         return inside
 
     def gather(self, arrays: Sequence[mi.Float], index: mi.UInt32, active: mi.Bool) -> mi.Float:
-        """Return entries of arrays, one of which belongs to each level."""
+        """Return entries of arrays, one of which belongs to each window."""
         found = mi.Float(0.0)
-        for number, level in enumerate(self.levels):
-            is_own = active & (self.number == number)
-            found += dr.gather(mi.Float, arrays[level.level], index, is_own)
+        for number, array in enumerate(arrays):
+            found += dr.gather(mi.Float, array, index, active & (self.number == number))
         return found
 
 
@@ -191,7 +236,8 @@ def is_seen(
     si: mi.SurfaceInteraction3f,
     d: mi.Vector3f,
     windows: LaneWindows,
-    opacity: OpacityClipmap | None,
+    opacity: Sequence[mi.Float] | None,
+    rule: SlotRule,
 ) -> mi.Bool:
     """Whether light that lands can be seen in voxels.
 
@@ -202,7 +248,9 @@ def is_seen(
     windows
         The windows that count.
     opacity
-        Their voxels; without them, all of a window counts.
+        Their voxels, window by window; without them, all of a window counts.
+    rule
+        How thick surfaces were made in them.
     """
     # Light on the back of a one-sided surface goes nowhere.
     seen = windows.are_near(mi.Point3f(si.p)) & meets_front(si, d)
@@ -210,17 +258,17 @@ def is_seen(
         return seen
     has_slot = mi.Bool(False)
     normal = face_forward(mi.Vector3f(si.n), -d)
-    voxel_size = dr.gather(mi.Float, windows.voxel_sizes, windows.number)
+    voxel_size = dr.gather(mi.Float, windows.table.voxel_sizes, windows.number)
     where = mi.Point3f(si.p / as_component(voxel_size))
-    resolution = windows.levels[0].resolution
+    resolution = windows.resolution
     for axis in range(3):
-        slot = surface_slot(mi.Float(normal[axis]), opacity.rule)
+        slot = surface_slot(mi.Float(normal[axis]), rule)
         layer, is_filled = next(filled_layers(mi.Float(where[axis]), slot))
         voxel = mi.Vector3i(dr.floor(where))
         voxel[axis] = layer
         index = texel_from_voxel(voxel, resolution) + (2 * axis + slot.side) * resolution**3
         active = seen & is_filled & windows.hold(voxel)
-        has_slot |= active & (windows.gather(opacity.levels, index, active) > 0.0)
+        has_slot |= active & (windows.gather(opacity, index, active) > 0.0)
     return seen & has_slot
 
 

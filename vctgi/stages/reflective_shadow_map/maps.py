@@ -26,7 +26,7 @@ from vctgi.stages.reflective_shadow_map.lamps import (
     lamp_rays,
     lamp_table,
 )
-from vctgi.stages.reflective_shadow_map.landing import land
+from vctgi.stages.reflective_shadow_map.landing import find_landings, light_landings
 
 
 def render_reflective_shadow_maps(
@@ -82,21 +82,23 @@ def render_reflective_shadow_maps(
     for index in distant:
         limits = (min(wanted, affordable), affordable)
         is_moving = anything_moves([lights[index]])
+        is_followed = is_moving or has_moving_shapes(scene)
+        keeper = None if is_followed else recorder
         with dr.suspend_grad(when=is_moving):  # type: ignore[no-untyped-call]
-            rays = distant_rays(scene, lights[index], layout.clip_levels, opacity, limits)
-        count = dr.width(rays.ray.o)
+            rays = distant_rays(scene, lights[index], layout.clip_levels, opacity, limits, keeper)
+        count = dr.width(rays.texel)
         owner = dr.full(mi.UInt32, index, count)
-        require_power(rays.flux, owner, lights)
+        require_power(rays.landings.is_power, owner, lights)
         origins = None
-        if is_moving or has_moving_shapes(scene):
+        if is_followed:
             middle = mi.Point2f(dr.full(mi.Float, 0.5, count), 0.5)
             origins = RayOrigins(lights, owner, middle, middle, dr.full(mi.Float, 1.0, count))
-        landed = land(scene, rays.ray, rays.flux, rays.windows, rays.texel, origins, recorder)
+        landed = light_landings(scene, rays.landings, rays.texel, origins, keeper)
         if landed is not None:
             found, hit = landed
             named = replace(found, light_name=lights[index].name)
             named.light_index = dr.gather(mi.UInt32, owner, hit)
-            window = dr.gather(mi.UInt32, rays.windows.number, hit)
+            window = dr.gather(mi.UInt32, rays.window, hit)
             maps += _by_level(named, window, layout)
     kept = [each for each in maps if each is not None]
     dr.eval(kept)
@@ -166,12 +168,14 @@ def _light_by_lamps(
     texel_count = dr.gather(mi.UInt32, lamp_table(counts.tolist()), which)
     flux = rays.weight / as_component(mi.Float(texel_count))
     owner = dr.gather(mi.UInt32, lamp_table(lamps), which)
-    require_power(flux, owner, lights)
+    landings = find_landings(scene, rays.ray, flux, None)
+    require_power(landings.is_power, owner, lights)
     origins = None
     if is_followed:
         share = 1.0 / mi.Float(texel_count)
         origins = RayOrigins(lights, owner, rays.position, rays.direction, share)
-    landed = land(scene, rays.ray, flux, None, rays.texel, origins, recorder)
+    keeper = None if is_followed else recorder
+    landed = light_landings(scene, landings, rays.texel, origins, keeper)
     if landed is None:
         return None
     found, hit = landed
@@ -179,15 +183,23 @@ def _light_by_lamps(
     return replace(found, light_name=name, light_index=dr.gather(mi.UInt32, owner, hit))
 
 
-def require_power(flux: mi.Color3f, owner: mi.UInt32, lights: list[Light]) -> None:
+def require_power(is_power: mi.Bool, owner: mi.UInt32, lights: list[Light]) -> None:
     """Refuse a light whose power is no power.
+
+    Parameters
+    ----------
+    is_power
+        Whether that of each ray is one.
+    owner
+        Place of each ray's light in the list.
+    lights
+        All of them.
 
     Raises
     ------
     SceneError
         It names the first such light.
     """
-    is_power = dr.all((flux >= 0.0) & dr.isfinite(flux))
     if bool(dr.all(is_power)):
         return
     first = int(np.min(np.array(dr.gather(mi.UInt32, owner, mi.UInt32(dr.compress(~is_power))))))
