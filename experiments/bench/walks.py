@@ -70,6 +70,8 @@ class Walk:
         How it is rendered.
     kind
         One of `KINDS`.
+    cache
+        Where what frames trace is recorded; None: nowhere.
     """
 
     def __init__(
@@ -80,6 +82,7 @@ class Walk:
         cache: TraceCache | None = None,
     ) -> None:
         self.prepared, self.config, self.kind, self.cache = prepared, config, kind, cache
+        self._moved = prepared
         self._voxels = voxelize_scene(prepared, config)
         self._lit = vctgi.light_volume(prepared, config, voxels=self._voxels)
         self._view = _matrix(prepared.sensor)
@@ -92,15 +95,23 @@ class Walk:
 
     def frame(self, number: int, clock: StageClock = no_clock) -> WalkedFrame:
         """Render a frame; numbers must come in order, but may start again at 0."""
-        prepared, filled, texels = self.prepared, 0, 0
+        with clock(CHANGE):
+            self.change(number)
+        return self.render(number, clock)
+
+    def change(self, number: int) -> None:
+        """Do what an application does before it asks for a frame: move camera or lights."""
         if self.kind == CAMERA:
-            with clock(CHANGE):
-                prepared = self._step(number)
+            self._moved = self._step(number)
+        if self.kind == LIGHTS:
+            self._move_lights(number)
+
+    def render(self, number: int, clock: StageClock = no_clock) -> WalkedFrame:
+        """Render the frame of the last `change`."""
+        prepared, filled, texels = self._moved, 0, 0
+        if self.kind == CAMERA:
             self._voxels = update_voxels(self._voxels, prepared, self.config, clock)
             filled = self._voxels.filled_count
-        if self.kind == LIGHTS:
-            with clock(CHANGE):
-                self._move_lights(number)
         if self.kind != STILL:
             self._lit = vctgi.light_volume(
                 prepared, self.config, clock, self._voxels, cache=self.cache

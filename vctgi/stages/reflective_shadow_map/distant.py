@@ -204,17 +204,17 @@ class _Cells:
         """
         ray_count = self.count * PILOT_RAYS_PER_CELL
         lane = dr.arange(mi.UInt32, ray_count * self.window_count)
-        own = LaneWindows(windows.table, self.resolution, lane // ray_count)
+        lanes = LaneWindows(windows.table, self.resolution, lane // ray_count)
         lane %= ray_count
         inside = [random_unit(lane, axis) for axis in range(self.axis_count)]
-        ray, flux = self._at(windows, lane // PILOT_RAYS_PER_CELL, own.number, inside)
+        ray, flux = self._at(windows, lane // PILOT_RAYS_PER_CELL, lanes.number, inside)
         si = scene.ray_intersect(ray, as_mask(True))
         power = dr.detach(channel_mean(flux))
         # A sick light is refused by name where its power is checked.
-        lands = is_seen(si, mi.Vector3f(ray.d), own, opacity, rule) & dr.isfinite(power)
+        lands = is_seen(si, mi.Vector3f(ray.d), lanes, opacity, rule) & dr.isfinite(power)
         power = dr.zeros(mi.Float, dr.width(lane)) + mi.Float(dr.select(lands, power, 0.0))
         # Over the largest first: the square of a sun's power would overflow.
-        largest = dr.gather(mi.Float, block_max(power, ray_count), own.number)
+        largest = dr.gather(mi.Float, block_max(power, ray_count), lanes.number)
         power = dr.maximum(power, 0.0) / dr.select(largest > 0.0, largest, 1.0)
         landed = dr.select(power > 0.0, mi.UInt32(1), 0)
         landing = mi.UInt32(dr.block_sum(landed, PILOT_RAYS_PER_CELL))

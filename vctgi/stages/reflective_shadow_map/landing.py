@@ -26,43 +26,6 @@ WINDOW_REACH_VOXELS = 3.0
 to `clipmap.slots.MAX_THICKNESS` away."""
 
 
-def land(
-    scene: mi.Scene,
-    ray: mi.Ray3f,
-    flux: mi.Color3f,
-    windows: LaneWindows | None,
-    texel: mi.UInt32,
-    origins: RayOrigins | None = None,
-    recorder: Recorder | None = None,
-) -> tuple[ReflectiveShadowMap, mi.UInt32] | None:
-    """Find the lit points of rays.
-
-    Parameters
-    ----------
-    scene
-        Geometry and materials.
-    ray, flux
-        Rays and the power of each, W.
-    windows
-        The window that each point is for; those outside it are left out. None keeps all.
-    texel
-        Number of each ray within its light's map, which random decisions hash.
-    origins
-        What the rays were made from, where lights or surfaces have derivatives by where they are;
-        None: nothing has.
-    recorder
-        Keeps what is traced; not for what has derivatives.
-
-    Returns
-    -------
-    tuple or None
-        The map, without the name of its light and for no level, and which rays its texels are, in
-        their order. None if all miss.
-    """
-    landings = find_landings(scene, ray, flux, windows)
-    return light_landings(scene, landings, texel, origins, recorder)
-
-
 @dataclass
 class Landings:
     """Rays of light, and where they land.
@@ -89,7 +52,17 @@ class Landings:
 def find_landings(
     scene: mi.Scene, ray: mi.Ray3f, flux: mi.Color3f, windows: LaneWindows | None
 ) -> Landings:
-    """Find where rays land; as for `land`."""
+    """Find where rays of light land.
+
+    Parameters
+    ----------
+    scene
+        Geometry and materials.
+    ray, flux
+        Rays and the power of each, W.
+    windows
+        The window that each point is for; those outside it are left out. None keeps all.
+    """
     # Calls of emitters and shapes bring ties to all that are alive, also of other scenes.
     ray = dr.detach(ray)
     is_lit = dr.max(flux) > 0.0
@@ -111,7 +84,28 @@ def light_landings(
     origins: RayOrigins | None = None,
     recorder: Recorder | None = None,
 ) -> tuple[ReflectiveShadowMap, mi.UInt32] | None:
-    """Return the lit points of rays, as `land` does."""
+    """Return the lit points of rays.
+
+    Parameters
+    ----------
+    scene
+        Geometry and materials.
+    landings
+        The rays, and where they land.
+    texel
+        Number of each ray within its light's map, which random decisions hash.
+    origins
+        What the rays were made from, where lights or surfaces have derivatives by where they are;
+        None: nothing has.
+    recorder
+        Keeps what is traced; not for what has derivatives.
+
+    Returns
+    -------
+    tuple or None
+        The map, without the name of its light and for no level, and which rays its texels are, in
+        their order. None if all miss.
+    """
     hit = mi.UInt32(dr.compress(landings.is_kept))
     if dr.width(hit) == 0:
         return None
