@@ -19,7 +19,6 @@ from vctgi.clipmap.storage import (
     EmittanceClipmap,
     OpacityClipmap,
     VoxelVolume,
-    pack_volume,
 )
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
@@ -43,7 +42,7 @@ from vctgi.scene.materials import describe_material
 from vctgi.scene.sky import black_sky, prefilter_sky
 from vctgi.scene.surfaces import VoxelSurfaces, select_surfaces
 from vctgi.scene.triangles import extract_triangles
-from vctgi.stages.downsampling import downsample
+from vctgi.stages.downsampling import downsample_volume
 from vctgi.stages.light_injection import inject_light
 from vctgi.stages.outgoing_radiance import with_radiance
 from vctgi.stages.reconstruction.temporal import TemporalFrame as TemporalFrame
@@ -255,10 +254,7 @@ def light_volume(
     opacity = voxels.opacity
     if not plan.is_lit:
         with clock("downsampling"):
-            merged, _ = downsample(opacity, None, config.downsampling)
-            dark = [dr.zeros(mi.Color3f, dr.width(level)) for level in merged.levels]
-            nothing = EmittanceClipmap(merged.layout, dark, [0.0] * plan.layout.clip_level_count)
-            return LitVolume(_pack(merged, nothing, plan, config), [], 0)
+            return LitVolume(_downsample(opacity, None, plan, config), [], 0)
     with clock("reflective shadow maps"):
         maps = render_reflective_shadow_maps(
             prepared.scene, list(plan.lights), plan.layout, config.reflective_shadow_map, opacity
@@ -280,21 +276,20 @@ def light_volume(
             both = zip(emittance.levels, emitted.levels, strict=True)
             emittance = replace(emittance, levels=[light + own for light, own in both])
     with clock("downsampling"):
-        merged, lit = downsample(opacity, emittance, config.downsampling)
-        assert lit is not None, "downsampling keeps the emittance it is given"
-        volume = _pack(merged, lit, plan, config)
+        volume = _downsample(opacity, emittance, plan, config)
     return LitVolume(
-        volume, lit.lost_flux_share, sum(m.texel_count for m in maps), fluxes, left_out
+        volume, emittance.lost_flux_share, sum(m.texel_count for m in maps), fluxes, left_out
     )
 
 
-def _pack(
-    opacity: OpacityClipmap, emittance: EmittanceClipmap, plan: Plan, config: RenderConfig
+def _downsample(
+    opacity: OpacityClipmap, emittance: EmittanceClipmap | None, plan: Plan, config: RenderConfig
 ) -> VoxelVolume:
-    """Store what the plan keeps of the voxels."""
-    return pack_volume(
+    """Fill all levels, and store what the plan keeps of the voxels."""
+    return downsample_volume(
         opacity,
         emittance,
+        config.downsampling,
         config.storage,
         plan.directions,
         keeps_empty=config.is_kept("levels"),
