@@ -99,6 +99,10 @@ class EmittanceClipmap:
     lost_flux_share: list[float]
     steps_per_unit: list[tuple[float, float]] = field(default_factory=list)
 
+    def read(self, level: int, index: mi.UInt32, active: mi.Bool) -> mi.Color3f:
+        """Return emittance of slots of a level."""
+        return dr.gather(mi.Color3f, self.levels[level], index, active)
+
 
 @dataclass(frozen=True, kw_only=True)
 class StorageConfig:

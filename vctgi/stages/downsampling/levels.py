@@ -94,9 +94,13 @@ def downsample_regions(
         target = slot * coarser.voxel_count + texel_from_voxel(parent, coarser.resolution)
         # Windows are snapped so that the first child decides for all eight.
         is_covered = is_inside(2 * parent, finer)
+        base = slot * finer.voxel_count
         columns = [
-            (front + slot * finer.voxel_count, back + slot * finer.voxel_count)
-            for front, back in children(parent, slot, finer.resolution, mips)
+            (
+                base + texel_from_voxel(front, finer.resolution),
+                base + texel_from_voxel(back, finer.resolution),
+            )
+            for front, back in children(parent, slot, mips)
         ]
         fine = merged.levels[finer.level]
         alpha, shares = merge_opacity(

@@ -1,21 +1,18 @@
-"""How eight children make a voxel: where they are stored, and what is made of their values."""
+"""How eight children make a voxel: which they are, and what is made of their values."""
 
 from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.addressing import texel_from_voxel
 from vctgi.maths.stub_gaps import as_component
 from vctgi.stages.downsampling.config import MipRule
 
-Pair = tuple[mi.UInt32, mi.UInt32]
-"""Texels of the child in front and of the one behind."""
+Pair = tuple["mi.Vector3i", "mi.Vector3i"]
+"""The child in front and the one behind."""
 
 
-def children(
-    parent: mi.Vector3i, direction: mi.UInt32, resolution: int, mips: MipRule
-) -> list[Pair]:
+def children(parent: mi.Vector3i, direction: mi.UInt32, mips: MipRule) -> list[Pair]:
     """Return the children of a voxel, column by column along a direction.
 
     Parameters
@@ -24,8 +21,6 @@ def children(
         Voxel of the coarser level.
     direction
         Along which a ray meets it.
-    resolution
-        Voxels along an edge of the finer level.
     mips
         A mean over children takes them in one order for all directions, which keeps slots alike
         that are.
@@ -33,7 +28,7 @@ def children(
     Returns
     -------
     list of Pair
-        Texels of the finer level, for each of the four columns.
+        Voxels of the finer level, for each of the four columns.
     """
     if mips == "average":
         direction = mi.UInt32(0)
@@ -51,7 +46,7 @@ def children(
                     + dr.select((axis + 2) % 3 == world_axis, mi.Int32(step_v), 0)
                     for world_axis in range(3)
                 ]
-                pair.append(texel_from_voxel(mi.Vector3i(child), resolution))
+                pair.append(mi.Vector3i(child))
             columns.append((pair[0], pair[1]))
     return columns
 

@@ -1,16 +1,19 @@
 """Downsampling on the way to storage: each level's words are made of the finer level's.
 
 The words of "float32" hold what the merging of levels reads, so that merged levels need no arrays
-of their own: a launch a level reads what the level has of its own and the finer level's words, and
-writes its words. Values are those of `downsample` and `pack_volume` bit for bit.
+of their own but for what a finer level covers of a coarser one. Values are those of `downsample`
+and `pack_volume` bit for bit.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.addressing import level_table
+from vctgi.clipmap.addressing import level_table, texel_from_voxel
 from vctgi.clipmap.formats import TEXEL_CHANNELS, FloatCode
 from vctgi.clipmap.gathered import GatheredTexels
 from vctgi.clipmap.levels import LevelLayout
@@ -24,10 +27,11 @@ from vctgi.clipmap.storage import (
     stored_offsets,
 )
 from vctgi.clipmap.stored_directions import SIX, StoredDirections
+from vctgi.maths.constant_tables import number_table
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.maths.number_rows import IntegerRow
 from vctgi.maths.stub_gaps import as_component
-from vctgi.stages.downsampling.config import DownsamplingConfig
+from vctgi.stages.downsampling.config import DownsamplingConfig, MipRule
 from vctgi.stages.downsampling.levels import downsample
 from vctgi.stages.downsampling.merging import children, merge_emittance, merge_opacity
 
@@ -62,7 +66,8 @@ def downsample_volume(
     )
     is_direct = storage.format == "float32" and not config.is_isotropic and not has_derivatives
     if is_direct and (directions is not None or storage.direction_count == DIRECTION_COUNT):
-        return _Words(opacity, emittance, directions or SIX, keeps_empty=keeps_empty).fill(config)
+        packing = _Packing(opacity, emittance, directions or SIX, keeps_empty=keeps_empty)
+        return packing.fill(config.mips)
     merged, lit = downsample(opacity, emittance, config)
     if lit is None:
         dark = [dr.zeros(mi.Color3f, dr.width(level)) for level in merged.levels]
@@ -70,18 +75,61 @@ def downsample_volume(
     return pack_volume(merged, lit, storage, directions, keeps_empty=keeps_empty)
 
 
-class _Words:
-    """Words of all levels, filled one level after the other."""
+@dataclass
+class _Made:
+    """Texels [slot, z, y, x] of a level that are made of the finer level's, where that covers it.
+
+    Attributes
+    ----------
+    level
+        The level.
+    resolution
+        Voxels along an edge of what is covered; they stand at their place modulo this.
+    row
+        Lowest voxel of the finer window, and of what it covers here.
+    texels
+        Emittance and opacity, four numbers each; None where all of them are 0.
+    """
+
+    level: LevelLayout
+    resolution: int
+    row: IntegerRow
+    texels: mi.Float | None
+
+    def find(self, voxel: mi.Vector3i) -> tuple[mi.Bool, mi.UInt32]:
+        """Return whether voxels of the level are covered, and their places in a slot."""
+        covered = mi.Bool(True)
+        for axis in range(3):
+            covered &= mi.UInt32(voxel[axis] - self.row[COVERED + axis]) < self.resolution
+        return covered, texel_from_voxel(voxel, self.resolution)
+
+    def read(self, slot: mi.UInt32, place: mi.UInt32, active: mi.Bool) -> mi.Vector4f:
+        """Return texels of stored slots at places."""
+        if self.texels is None:
+            return mi.Vector4f(0.0)
+        return dr.gather(mi.Vector4f, self.texels, slot * self.resolution**3 + place, active)
+
+
+COVERED = 3
+"""Place of the lowest covered voxel in the row of `_Made`."""
+
+
+class _Packing:
+    """Words of all levels.
+
+    What finer levels give to a level is made first, level after level, and kept apart: an array
+    that is read and written by one kernel is copied before.
+    """
 
     def __init__(
         self,
         opacity: OpacityClipmap,
-        emittance: EmittanceClipmap | None,
+        light: EmittanceClipmap | None,
         directions: StoredDirections,
         *,
         keeps_empty: bool,
     ) -> None:
-        self.opacity, self.emittance, self.directions = opacity, emittance, directions
+        self.opacity, self.light, self.directions = opacity, light, directions
         self.layout = opacity.layout
         self.is_empty = _is_empty_merged(opacity, keeps_empty=keeps_empty)
         offsets = stored_offsets(self.layout, self.is_empty)
@@ -91,118 +139,125 @@ class _Words:
         make = dr.zeros if any(self.is_empty) else dr.empty
         self.words = make(mi.Float, TEXEL_CHANNELS * self.starts[-1])
 
-    def fill(self, config: DownsamplingConfig) -> VoxelVolume:
-        """Fill all levels, the finest first."""
-        for level, empty in zip(self.layout.levels, self.is_empty, strict=True):
-            if not empty:
-                self._fill_level(level, config)
-        code = FloatCode(is_half=False)
-        offsets = self.table.voxel_offsets
+    def fill(self, mips: MipRule) -> VoxelVolume:
+        """Fill all levels."""
+        made: list[_Made | None] = [None]
+        for level in self.layout.levels[1:]:
+            made.append(self._make(level, made[-1], mips))
+        for level in self.layout.clip_levels:
+            if not self.is_empty[level.level]:
+                self._write(level, made[level.level])
+        # All clip levels in one launch.
+        dr.eval(self.words)
+        code, offsets = FloatCode(is_half=False), self.table.voxel_offsets
         texels = GatheredTexels(code, self.words, offsets, self.directions, None)
         return VoxelVolume(self.layout, self.table, texels)
 
-    def _fill_level(self, level: LevelLayout, config: DownsamplingConfig) -> None:
-        """Write the words of a level, whose finer one is written."""
+    def _make(self, level: LevelLayout, below: _Made | None, mips: MipRule) -> _Made:
+        """Make what the finer level covers of a level, which of a mip is all of it."""
+        finer = self.layout.levels[level.level - 1]
+        row = IntegerRow([*finer.origin, *(each // 2 for each in finer.origin)])
+        made = _Made(level, finer.resolution // 2, row, None)
+        if self.is_empty[finer.level]:
+            return made
+        lane = dr.arange(mi.UInt32, self.directions.count * made.resolution**3)
+        slot, place = lane // made.resolution**3, lane % made.resolution**3
+        parent = _voxel(place, made.resolution, [row[COVERED + axis] for axis in range(3)])
+        direction = self._direction(slot)
+        slots = (slot, direction)
+        columns = [
+            (self._texel(finer, below, front, slots), self._texel(finer, below, back, slots))
+            for front, back in children(parent, direction, mips)
+        ]
+        alpha, shares = merge_opacity(
+            [(mi.Float(front.w), mi.Float(back.w)) for front, back in columns], mips
+        )
+        texel = mi.Vector4f(0.0, 0.0, 0.0, as_component(alpha))
+        if self.light is not None:
+            color = merge_emittance(
+                [(_color(front), _color(back)) for front, back in columns], shares
+            )
+            texel = mi.Vector4f(color.x, color.y, color.z, as_component(alpha))
+        made.texels = dr.ravel(texel)
+        if level.level >= self.layout.clip_level_count:
+            dr.scatter(self.words, texel, lane + self.starts[level.level])
+        dr.eval(made.texels)
+        return made
+
+    def _write(self, level: LevelLayout, made: _Made | None) -> None:
+        """Write the words of a clip level, without evaluating them."""
         lane = dr.arange(mi.UInt32, self.directions.count * level.voxel_count)
         slot, texel = lane // level.voxel_count, lane % level.voxel_count
-        direction = slot
-        sources = self.directions.sources
-        is_all = sources == list(range(DIRECTION_COUNT))
-        if not is_all:
-            direction = dr.gather(mi.UInt32, mi.UInt32(sources), slot)
-        source = None if is_all else direction * level.voxel_count + texel
-        row = self._row(level)
-        value = self._own(level, source)
-        if level.level > 0:
-            finer = self.layout.levels[level.level - 1]
-            parent = _voxel(texel, level.resolution, row)
-            is_covered = _is_inside(parent, finer.resolution, row)
-            if not self.is_empty[finer.level]:
-                found = self._merged((parent, slot, direction), finer, row, is_covered, config)
-                value = dr.select(is_covered, found, value)
-            else:
-                value = dr.select(is_covered, mi.Vector4f(0.0), value)
-        dr.scatter(self.words, value, lane + mi.UInt32(row[OWN_START]))
-        dr.eval(self.words)
+        index = self._direction(slot) * level.voxel_count + texel
+        if made is None:
+            value = self._own(level, index, mi.Bool(True))
+        else:
+            origin = IntegerRow(level.origin)
+            voxel = _voxel(texel, level.resolution, [origin[axis] for axis in range(3)])
+            is_covered, place = made.find(voxel)
+            value = self._own(level, index, ~is_covered)
+            value = dr.select(is_covered, made.read(slot, place, is_covered), value)
+        dr.scatter(self.words, value, lane + self.starts[level.level])
 
-    def _row(self, level: LevelLayout) -> IntegerRow:
-        """Return where a level and the finer one stand and are stored, which no kernel holds."""
-        finer = self.layout.levels[max(level.level - 1, 0)]
-        starts = (self.starts[level.level], self.starts[finer.level])
-        return IntegerRow([*level.origin, *finer.origin, *starts])
-
-    def _own(self, level: LevelLayout, source: mi.UInt32 | None) -> mi.Vector4f:
-        """Return the texels that were voxelized and lit at a level's own resolution."""
-        alpha = self.opacity.levels[level.level]
-        color = None if self.emittance is None else self.emittance.levels[level.level]
-        if source is not None:
-            alpha = dr.gather(mi.Float, alpha, source)
-            color = None if color is None else dr.gather(mi.Color3f, color, source)
-        if color is None:
-            color = mi.Color3f(0.0)
-        return mi.Vector4f(color.x, color.y, color.z, as_component(alpha))
-
-    def _merged(
+    def _texel(
         self,
-        place: tuple[mi.Vector3i, mi.UInt32, mi.UInt32],
-        finer: LevelLayout,
-        row: IntegerRow,
-        active: mi.Bool,
-        config: DownsamplingConfig,
+        level: LevelLayout,
+        made: _Made | None,
+        voxel: mi.Vector3i,
+        slots: tuple[mi.UInt32, mi.UInt32],
     ) -> mi.Vector4f:
-        """Return texels that are made of eight finer ones.
+        """Return texels of a level, of its own or made of the finer level's.
 
         Parameters
         ----------
-        place
-            Voxels, their stored slots and the directions of those.
-        finer, row
-            The finer level, and where it is stored.
-        active
-            Lanes whose voxels it covers.
-        config
-            Rule of the mips.
+        level, made
+            The level, and what is made of it.
+        voxel
+            Voxels in its window.
+        slots
+            Stored slots, and the directions that they hold.
         """
-        parent, slot, direction = place
-        base = slot * finer.voxel_count + mi.UInt32(row[FINER_START])
-        columns = [
-            (
-                dr.gather(mi.Vector4f, self.words, base + front, active),
-                dr.gather(mi.Vector4f, self.words, base + back, active),
-            )
-            for front, back in children(parent, direction, finer.resolution, config.mips)
-        ]
-        alpha, shares = merge_opacity(
-            [(mi.Float(front.w), mi.Float(back.w)) for front, back in columns], config.mips
-        )
-        if self.emittance is None:
-            return mi.Vector4f(0.0, 0.0, 0.0, as_component(alpha))
-        color = merge_emittance([(_color(front), _color(back)) for front, back in columns], shares)
+        slot, direction = slots
+        if level.level >= self.layout.clip_level_count:
+            assert made is not None, "a mip is made of a finer level"
+            _, place = made.find(voxel)
+            return made.read(slot, place, mi.Bool(True))
+        index = direction * level.voxel_count + texel_from_voxel(voxel, level.resolution)
+        if made is None:
+            return self._own(level, index, mi.Bool(True))
+        is_covered, place = made.find(voxel)
+        own = self._own(level, index, ~is_covered)
+        return dr.select(is_covered, made.read(slot, place, is_covered), own)
+
+    def _own(self, level: LevelLayout, index: mi.UInt32, active: mi.Bool) -> mi.Vector4f:
+        """Return texels that were voxelized and lit at a level's own resolution."""
+        alpha = dr.gather(mi.Float, self.opacity.levels[level.level], index, active)
+        color = mi.Color3f(0.0)
+        if self.light is not None:
+            color = self.light.read(level.level, index, active)
         return mi.Vector4f(color.x, color.y, color.z, as_component(alpha))
 
-
-FINER_ORIGIN, OWN_START, FINER_START = 3, 6, 7
-"""Places in a level's row, behind the lowest voxel of its window."""
+    def _direction(self, slot: mi.UInt32) -> mi.UInt32:
+        """Return the direction that a stored slot holds."""
+        sources = self.directions.sources
+        if sources == list(range(DIRECTION_COUNT)):
+            return slot
+        return dr.gather(mi.UInt32, number_table(tuple(sources)), slot)
 
 
 def _color(texel: mi.Vector4f) -> mi.Color3f:
     return mi.Color3f(texel.x, texel.y, texel.z)
 
 
-def _voxel(texel: mi.UInt32, resolution: int, row: IntegerRow) -> mi.Vector3i:
-    """Return the voxel that is stored at a texel, as `voxel_from_texel`."""
+def _voxel(texel: mi.UInt32, resolution: int, origin: Sequence[mi.Int32]) -> mi.Vector3i:
+    """Return the voxel that is stored at a texel of a window, as `voxel_from_texel`."""
     stored = (texel % resolution, (texel // resolution) % resolution, texel // resolution**2)
     return mi.Vector3i(
-        [row[axis] + ((mi.Int32(stored[axis]) - row[axis]) & (resolution - 1)) for axis in range(3)]
+        [
+            low + ((mi.Int32(place) - low) & (resolution - 1))
+            for low, place in zip(origin, stored, strict=True)
+        ]
     )
-
-
-def _is_inside(parent: mi.Vector3i, resolution: int, row: IntegerRow) -> mi.Bool:
-    """Whether a voxel's children lie in the finer window; the first decides for all eight."""
-    inside = mi.Bool(True)
-    for axis in range(3):
-        inside &= mi.UInt32(2 * parent[axis] - row[FINER_ORIGIN + axis]) < resolution
-    return inside
 
 
 def _is_empty_merged(opacity: OpacityClipmap, *, keeps_empty: bool) -> list[bool]:
