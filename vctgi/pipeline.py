@@ -8,18 +8,13 @@ volume -> frame (`vctgi.frame_pipeline`)
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.bounce_pipeline import light_by_cones
 from vctgi.clipmap.regions import count_voxels, own_regions
-from vctgi.clipmap.storage import (
-    EmittanceClipmap,
-    OpacityClipmap,
-    VoxelVolume,
-)
+from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
 from vctgi.frame_pipeline import Frame as Frame
@@ -27,14 +22,15 @@ from vctgi.frame_pipeline import FrameTally as FrameTally
 from vctgi.frame_pipeline import gather_ambient as gather_ambient
 from vctgi.frame_pipeline import gather_light as gather_light
 from vctgi.frame_pipeline import render_frame as render_frame
+from vctgi.light_pipeline import LitVolume as LitVolume
+from vctgi.light_pipeline import light_voxels
 from vctgi.parameters import ConeParameters
-from vctgi.plan import Plan, SceneParts, plan_render
+from vctgi.plan import SceneParts, plan_render
 from vctgi.prepared import PreparedScene as PreparedScene
 from vctgi.prepared import StageClock as StageClock
 from vctgi.prepared import no_clock as no_clock
 from vctgi.scene.constants import is_opaque_mask
 from vctgi.scene.derivatives import check_derivatives
-from vctgi.scene.emissive import list_emissive_surfaces
 from vctgi.scene.light_checks import check_lights
 from vctgi.scene.lights import list_lights
 from vctgi.scene.lobe_kinds import list_lobe_kinds
@@ -42,13 +38,8 @@ from vctgi.scene.materials import describe_material
 from vctgi.scene.sky import black_sky, prefilter_sky
 from vctgi.scene.surfaces import VoxelSurfaces, select_surfaces
 from vctgi.scene.triangles import extract_triangles
-from vctgi.stages.downsampling import downsample_volume
-from vctgi.stages.light_injection import inject_light
-from vctgi.stages.outgoing_radiance import with_radiance
 from vctgi.stages.reconstruction.temporal import TemporalFrame as TemporalFrame
 from vctgi.stages.reconstruction.temporal import accumulate, project
-from vctgi.stages.reflective_shadow_map import render_reflective_shadow_maps
-from vctgi.stages.voxelization.emittance import voxelize_emission
 from vctgi.stages.voxelization.opacity import voxelize_triangles
 from vctgi.stages.voxelization.triangles import DeviceTriangles, upload_triangles
 from vctgi.stages.voxelization.update import changed_bounds, update_opacity
@@ -72,33 +63,6 @@ class SceneVoxels:
     triangles: DeviceTriangles
     opacity: OpacityClipmap
     filled_count: int
-
-
-@dataclass
-class LitVolume:
-    """Lit voxels, with what was lost on the way.
-
-    Attributes
-    ----------
-    volume
-        Opacity and emittance.
-    lost_flux_share
-        Share of the reflected flux that found no opacity, for each clip level.
-    texel_count
-        Lit points of all reflective shadow maps.
-    bounce_fluxes
-        Flux that the voxels emit after each scattering, W; empty where light goes straight from
-        the injection to the eye.
-    left_out_radiance
-        Bound on the radiance that further scatterings would add to any voxel, W m^-2 sr^-1, where
-        they stopped because the last one added little.
-    """
-
-    volume: VoxelVolume
-    lost_flux_share: list[float]
-    texel_count: int
-    bounce_fluxes: list[float] = field(default_factory=list)
-    left_out_radiance: float = 0.0
 
 
 def prepare_scene(
@@ -246,54 +210,11 @@ def light_volume(
     ValueError
         Parameters out of their bounds.
     """
-    plan = prepared.plan
     if parameters is not None:
         parameters.check_bounds()
     if voxels is None:
         voxels = voxelize_scene(prepared, config, clock, parameters)
-    opacity = voxels.opacity
-    if not plan.is_lit:
-        with clock("downsampling"):
-            return LitVolume(_downsample(opacity, None, plan, config), [], 0)
-    with clock("reflective shadow maps"):
-        maps = render_reflective_shadow_maps(
-            prepared.scene, list(plan.lights), plan.layout, config.reflective_shadow_map, opacity
-        )
-    if config.injection.needs_radiance:
-        with clock("radiance of lit points"):
-            maps = with_radiance(prepared.scene, maps)
-    with clock("light injection"):
-        scale = None if parameters is None else parameters.get("prefilter_scale")
-        emittance = inject_light(maps, opacity, config.injection, scale)
-    fluxes: list[float] = []
-    left_out = 0.0
-    if plan.bounce_count > 0 or plan.has_sky_by_cones:
-        bounced = light_by_cones(prepared, voxels.surfaces, opacity, emittance, config, clock)
-        emittance, fluxes, left_out = bounced.emittance, bounced.fluxes, bounced.left_out
-    if plan.has_emission:
-        with clock("emittance voxelization"):
-            opacity, emitted = voxelize_emission(list_emissive_surfaces(prepared.scene), opacity)
-            both = zip(emittance.levels, emitted.levels, strict=True)
-            emittance = replace(emittance, levels=[light + own for light, own in both])
-    with clock("downsampling"):
-        volume = _downsample(opacity, emittance, plan, config)
-    return LitVolume(
-        volume, emittance.lost_flux_share, sum(m.texel_count for m in maps), fluxes, left_out
-    )
-
-
-def _downsample(
-    opacity: OpacityClipmap, emittance: EmittanceClipmap | None, plan: Plan, config: RenderConfig
-) -> VoxelVolume:
-    """Fill all levels, and store what the plan keeps of the voxels."""
-    return downsample_volume(
-        opacity,
-        emittance,
-        config.downsampling,
-        config.storage,
-        plan.directions,
-        keeps_empty=config.is_kept("levels"),
-    )
+    return light_voxels(prepared, config, clock, (voxels.surfaces, voxels.opacity), parameters)
 
 
 def accumulate_frame(

@@ -103,6 +103,10 @@ class EmittanceClipmap:
         """Return emittance of slots of a level."""
         return dr.gather(mi.Color3f, self.levels[level], index, active)
 
+    def emittance(self) -> EmittanceClipmap:
+        """Return it as it is: all slots are known."""
+        return self
+
 
 @dataclass(frozen=True, kw_only=True)
 class StorageConfig:

@@ -1,4 +1,4 @@
-"""Numbers of the host that kernels read from one array.
+"""Numbers that kernels read from arrays of one row, each by a place that the host knows.
 
 A number that a kernel holds makes another kernel each time that it changes, and one that is opaque
 costs a launch of its own. A row is copied to the device at once and read where it is needed.
@@ -7,11 +7,24 @@ costs a launch of its own. A row is copied to the device at once and read where 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import drjit as dr
 import mitsuba as mi
 
 from vctgi.maths.constant_tables import constant_table
+
+Array = TypeVar("Array", "mi.Float", "mi.Float64", "mi.Int32")
+
+
+def start_of_row() -> mi.UInt32:
+    """Return 0, which Dr.Jit does not know: a known place is read by a copy of its own."""
+    return constant_table(("start of a row",), lambda: dr.opaque(mi.UInt32, 0))
+
+
+def entry(array: Array, place: int) -> Array:
+    """Return a number of an array that is evaluated, as one lane, without a launch for it."""
+    return dr.gather(type(array), array, start_of_row() + place)
 
 
 class IntegerRow:
@@ -28,7 +41,7 @@ class IntegerRow:
 
     def __getitem__(self, place: int) -> mi.Int32:
         """Return the number at a place."""
-        return dr.gather(mi.Int32, self._array, _start() + place)
+        return entry(self._array, place)
 
 
 class FloatRow:
@@ -39,9 +52,4 @@ class FloatRow:
 
     def __getitem__(self, place: int) -> mi.Float:
         """Return the number at a place."""
-        return dr.gather(mi.Float, self._array, _start() + place)
-
-
-def _start() -> mi.UInt32:
-    """Return 0, which Dr.Jit does not know: places that it knows are copied one by one."""
-    return constant_table(("start of a row",), lambda: dr.opaque(mi.UInt32, 0))
+        return entry(self._array, place)

@@ -6,6 +6,7 @@ cones read it.
 
 from __future__ import annotations
 
+from vctgi.stages.downsampling.config import DEFAULT_DOWNSAMPLING as DEFAULT_DOWNSAMPLING
 from vctgi.stages.downsampling.config import DownsamplingConfig as DownsamplingConfig
 from vctgi.stages.downsampling.config import MipRule as MipRule
 from vctgi.stages.downsampling.levels import downsample as downsample

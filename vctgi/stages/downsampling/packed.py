@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import drjit as dr
 import mitsuba as mi
@@ -36,9 +37,19 @@ from vctgi.stages.downsampling.levels import downsample
 from vctgi.stages.downsampling.merging import children, merge_emittance, merge_opacity
 
 
+class Light(Protocol):
+    """Emittance at each clip level's own resolution, however it is kept."""
+
+    def read(self, level: int, index: mi.UInt32, active: mi.Bool) -> mi.Color3f:
+        """Return emittance of slots of a clip level."""
+
+    def emittance(self) -> EmittanceClipmap:
+        """Return the emittance of all slots."""
+
+
 def downsample_volume(
     opacity: OpacityClipmap,
-    emittance: EmittanceClipmap | None,
+    light: Light | None,
     config: DownsamplingConfig,
     storage: StorageConfig,
     directions: StoredDirections | None = None,
@@ -49,8 +60,10 @@ def downsample_volume(
 
     Parameters
     ----------
-    opacity, emittance
-        As for `downsample`; without emittance all voxels are dark.
+    opacity
+        As for `downsample`.
+    light
+        Emittance at each clip level's own resolution; without it all voxels are dark.
     config
         Rule of the mips.
     storage, directions, keeps_empty
@@ -61,13 +74,12 @@ def downsample_volume(
     ValueError
         As `pack_volume` does.
     """
-    has_derivatives = dr.grad_enabled(
-        opacity.levels, None if emittance is None else emittance.levels
-    )
-    is_direct = storage.format == "float32" and not config.is_isotropic and not has_derivatives
-    if is_direct and (directions is not None or storage.direction_count == DIRECTION_COUNT):
-        packing = _Packing(opacity, emittance, directions or SIX, keeps_empty=keeps_empty)
+    is_direct = storage.format == "float32" and not config.is_isotropic
+    is_direct &= directions is not None or storage.direction_count == DIRECTION_COUNT
+    if is_direct and not dr.grad_enabled(opacity.levels, getattr(light, "levels", None)):
+        packing = _Packing(opacity, light, directions or SIX, keeps_empty=keeps_empty)
         return packing.fill(config.mips)
+    emittance = None if light is None else light.emittance()
     merged, lit = downsample(opacity, emittance, config)
     if lit is None:
         dark = [dr.zeros(mi.Color3f, dr.width(level)) for level in merged.levels]
@@ -124,7 +136,7 @@ class _Packing:
     def __init__(
         self,
         opacity: OpacityClipmap,
-        light: EmittanceClipmap | None,
+        light: Light | None,
         directions: StoredDirections,
         *,
         keeps_empty: bool,
@@ -178,7 +190,7 @@ class _Packing:
                 [(_color(front), _color(back)) for front, back in columns], shares
             )
             texel = mi.Vector4f(color.x, color.y, color.z, as_component(alpha))
-        made.texels = dr.ravel(texel)
+        made.texels = mi.Float(dr.ravel(texel))
         if level.level >= self.layout.clip_level_count:
             dr.scatter(self.words, texel, lane + self.starts[level.level])
         dr.eval(made.texels)
@@ -197,7 +209,9 @@ class _Packing:
             is_covered, place = made.find(voxel)
             value = self._own(level, index, ~is_covered)
             value = dr.select(is_covered, made.read(slot, place, is_covered), value)
-        dr.scatter(self.words, value, lane + self.starts[level.level])
+        # Without the mode, Dr.Jit launches a level before the next is added.
+        start = self.starts[level.level]
+        dr.scatter(self.words, value, lane + start, mode=dr.ReduceMode.NoConflicts)
 
     def _texel(
         self,

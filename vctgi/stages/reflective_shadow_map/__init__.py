@@ -10,6 +10,7 @@ Start reading at `maps.py`.
 
 from __future__ import annotations
 
+from vctgi.stages.reflective_shadow_map.all_levels import trace_all_levels as trace_all_levels
 from vctgi.stages.reflective_shadow_map.config import (
     ReflectiveShadowMapConfig as ReflectiveShadowMapConfig,
 )

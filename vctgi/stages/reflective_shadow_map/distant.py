@@ -24,6 +24,7 @@ from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.colors import channel_mean
 from vctgi.maths.directions import kronecker_points, kronecker_points_4d, random_unit
+from vctgi.maths.number_rows import entry
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.extent import scene_bounds
 from vctgi.scene.lights import Light
@@ -31,7 +32,8 @@ from vctgi.stages.reflective_shadow_map.dealing import (
     block_max,
     deal,
     dealt_count,
-    owners,
+    own_texels,
+    owner,
     smoothed,
 )
 from vctgi.stages.reflective_shadow_map.landing import LaneWindows, is_seen
@@ -98,20 +100,20 @@ def distant_rays(
     texel_count, most_rays = limits
     cells = _Cells(scene, light, levels, texel_count)
     weight, landing = cells.pilot(opacity)
-    dealt = deal(weight, *[texel_count] * len(levels))
-    texels = PILOT_RAYS_PER_CELL * dealt_count(cells.count, texel_count)
-    counts = []
-    for landed in np.array(dr.block_sum(landing * dealt, cells.count)):
-        wanted = math.ceil(texel_count / max(float(landed) / texels, LEAST_LANDING_SHARE))
-        counts.append(min(wanted, max(most_rays, cells.count)))
-    sent = [dealt_count(cells.count, count) for count in counts]
-    return cells.rays(deal(weight, *counts), [0, *accumulate(sent)])
-
-
-def _cell_means(value: mi.Float) -> mi.Float:
-    """Mean over the pilot's rays of each cell."""
-    total: mi.Float = dr.block_sum(value, PILOT_RAYS_PER_CELL)
-    return total * (1.0 / PILOT_RAYS_PER_CELL)
+    least = max(most_rays, cells.count)
+    counts = [least] * len(levels)
+    if texel_count < least:
+        # As many more as do not land.
+        dealt = own_texels(
+            deal(weight, *[texel_count] * len(levels)),
+            dr.arange(mi.UInt32, dr.width(weight)),
+            cells.count,
+        )
+        texels = PILOT_RAYS_PER_CELL * dealt_count(cells.count, texel_count)
+        for place, landed in enumerate(np.array(dr.block_sum(landing * dealt, cells.count))):
+            wanted = math.ceil(texel_count / max(float(landed) / texels, LEAST_LANDING_SHARE))
+            counts[place] = min(wanted, least)
+    return cells.rays(deal(weight, *counts), [dealt_count(cells.count, count) for count in counts])
 
 
 def survey_distant(light: Light) -> float:
@@ -153,25 +155,36 @@ class _Cells:
         # A sick light is refused by name where its power is checked.
         lands = is_seen(si, mi.Vector3f(ray.d), windows, opacity) & dr.isfinite(power)
         power = dr.zeros(mi.Float, dr.width(lane)) + mi.Float(dr.select(lands, power, 0.0))
+        dr.eval(power)
+        largest = block_max(power, ray_count)
+        cell = dr.arange(mi.UInt32, self.count * len(self.levels))
         # Over the largest first: the square of a sun's power would overflow.
-        largest = dr.gather(mi.Float, block_max(power, ray_count), windows.number)
-        power = dr.maximum(power, 0.0) / dr.select(largest > 0.0, largest, 1.0)
-        landed = dr.select(power > 0.0, mi.UInt32(1), 0)
-        landing = mi.UInt32(dr.block_sum(landed, PILOT_RAYS_PER_CELL))
-        own = dr.sqrt(_cell_means(power * power))
+        most = dr.gather(mi.Float, largest, cell // self.count)
+        squares, landing = mi.Float(0.0), mi.UInt32(0)
+        for number in range(PILOT_RAYS_PER_CELL):
+            found = dr.gather(mi.Float, power, PILOT_RAYS_PER_CELL * cell + number)
+            relative = dr.maximum(found, 0.0) / dr.select(most > 0.0, most, 1.0)
+            squares += relative * relative
+            landing += dr.select(relative > 0.0, mi.UInt32(1), 0)
+        own = dr.sqrt(squares * (1.0 / PILOT_RAYS_PER_CELL))
+        dr.eval(own, landing)
         spread = smoothed(own, self.per_axis, self.axis_count)
         return OWN_SHARE * own + (1.0 - OWN_SHARE) * spread, landing
 
-    def rays(self, dealt: mi.UInt32, starts: list[int]) -> DistantRays:
-        """Rays of so many texels for each cell; those of each window from its start to the next."""
-        cell = owners(dealt, starts[-1])
-        share = 1.0 / (self.count * mi.Float(dr.gather(mi.UInt32, dealt, cell)))
-        windows = LaneWindows.of(self.levels, cell // self.count)
-        lane = dr.arange(mi.UInt32, starts[-1])
-        lane -= dr.gather(mi.UInt32, mi.UInt32(starts), windows.number)
+    def rays(self, dealt: mi.UInt32, counts: list[int]) -> DistantRays:
+        """Rays of so many texels of each cell, and of each window so many."""
+        lane = dr.arange(mi.UInt32, sum(counts))
+        starts = mi.Int32([0, *accumulate(counts)][:-1])
+        number = mi.UInt32(0)
+        for place in range(1, len(counts)):
+            number += dr.select(lane >= mi.UInt32(entry(starts, place)), mi.UInt32(1), 0)
+        lane -= mi.UInt32(dr.gather(mi.Int32, starts, number))
+        cell = owner(dealt, number, lane, self.count)
+        share = 1.0 / (self.count * mi.Float(own_texels(dealt, cell, self.count)))
+        windows = LaneWindows.of(self.levels, number)
         inside = kronecker_points(lane) if self.axis_count == 2 else kronecker_points_4d(lane)
         places = [mi.Float(each) for each in inside]
-        ray, flux = self._at(cell % self.count, windows.number, places)
+        ray, flux = self._at(cell % self.count, number, places)
         return DistantRays(ray, flux * as_component(share), windows, lane)
 
     def _at(

@@ -14,7 +14,7 @@ from vctgi.clipmap.slots import filled_layers, surface_slot
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.directions import face_forward, front_normal
 from vctgi.maths.stub_gaps import as_component, as_mask
-from vctgi.scene.records import ReflectiveShadowMap
+from vctgi.scene.records import LightTexels, ReflectiveShadowMap
 from vctgi.scene.reflectance import hemispherical_albedo
 from vctgi.stages.reflective_shadow_map.derivative import Landing, RayOrigins, follow_lights
 
@@ -74,12 +74,7 @@ def land(
     met = dr.gather(type(found), found, hit)
     with dr.suspend_grad():  # type: ignore[no-untyped-call]
         si = met.compute_surface_interaction(ray)
-    normal = mi.Vector3f(si.n)
-    cosine = dr.abs(dr.dot(normal, ray.d))
-    # Interpolated normals change the irradiance that Mitsuba's shading sees; so must ours.
-    is_grazing = cosine <= GRAZING_COSINE
-    turned = dr.abs(mi.Frame3f.cos_theta(si.wi)) / dr.select(is_grazing, 1.0, cosine)
-    factor = mi.Float(dr.select(is_grazing, 1.0, turned))
+    normal, factor = mi.Vector3f(si.n), _turned(si, ray)
     shaded = flux * as_component(factor)
     if origins is not None:
         # The same points once more, going along with their surfaces.
@@ -96,6 +91,45 @@ def land(
         reflected_flux=reflected,
     )
     return result, hit
+
+
+def light_all(
+    scene: mi.Scene, ray: mi.Ray3f, flux: mi.Color3f, windows: LaneWindows | None, texel: mi.UInt32
+) -> LightTexels:
+    """Find what rays light, as `land` does without derivatives, in one launch.
+
+    Rays that light nothing keep their place, so that the host needs not know how many do.
+    """
+    ray, flux = dr.detach(ray), mi.Color3f(flux)
+    is_bright = dr.max(flux) > 0.0
+    with dr.suspend_grad():  # type: ignore[no-untyped-call]
+        found = scene.ray_intersect_preliminary(ray, as_mask(True), is_bright)
+        is_lit = mi.Bool(found.is_valid() & is_bright)
+        if windows is not None:
+            is_lit &= windows.are_near(mi.Point3f(ray(found.t)))
+        si = found.compute_surface_interaction(ray, int(mi.RayFlags.All), as_mask(is_lit))
+    shaded = flux * as_component(_turned(si, ray))
+    reflected = dr.select(is_lit, shaded * hemispherical_albedo(si, texel, is_lit), 0.0)
+    is_power = mi.Bool(dr.all((flux >= 0.0) & dr.isfinite(flux)))
+    largest = mi.Float(dr.max(dr.detach(reflected)))
+    texels = LightTexels(
+        position=si.p,
+        normal=face_forward(mi.Vector3f(si.n), -ray.d),
+        reflected_flux=reflected,
+        is_lit=is_lit,
+        largest=dr.select(is_power, largest, dr.nan),
+        level=None if windows is None else windows.number,
+    )
+    dr.eval(texels)
+    return texels
+
+
+def _turned(si: mi.SurfaceInteraction3f, ray: mi.Ray3f) -> mi.Float:
+    """Return by what interpolated normals change the irradiance that Mitsuba's shading sees."""
+    cosine = dr.abs(dr.dot(mi.Vector3f(si.n), ray.d))
+    is_grazing = cosine <= GRAZING_COSINE
+    turned = dr.abs(mi.Frame3f.cos_theta(si.wi)) / dr.select(is_grazing, 1.0, cosine)
+    return mi.Float(dr.select(is_grazing, 1.0, turned))
 
 
 @dataclass
