@@ -40,5 +40,5 @@ def trace_all_levels(
         found.append(light_all(scene, lamp.rays.ray, lamp.flux, None, lamp.rays.texel))
     for index in sizes.distant:
         rays = distant_rays(scene, lights[index], layout.clip_levels, opacity, sizes.of_distant)
-        found.append(light_all(scene, rays.ray, rays.flux, rays.windows, rays.texel))
+        found.append(light_all(scene, rays.ray, rays.flux, rays.windows, rays.texel, rays.comes))
     return found

@@ -67,12 +67,15 @@ class DistantRays:
         The window that each is meant for.
     texel
         Number of each among those of its window.
+    comes
+        Whether it comes near its window at all.
     """
 
     ray: mi.Ray3f
     flux: mi.Color3f
     windows: LaneWindows
     texel: mi.UInt32
+    comes: mi.Bool
 
 
 def distant_rays(
@@ -135,8 +138,10 @@ class _Cells:
         affordable = int((texel_count / PILOT_RAYS_PER_CELL) ** (1.0 / self.axis_count) + 1e-6)
         self.per_axis = max(1, min(MOST_CELLS_PER_AXIS[self.axis_count], affordable))
         self.count = self.per_axis**self.axis_count
-        bounds = scene_bounds(scene)
-        self.aims = mi.Float([number for level in levels for number in _aim(bounds, level)])
+        self.bounds = scene_bounds(scene)
+        aims = [_aim(self.bounds, level) for level in levels]
+        self.aims = mi.Float([number for aim in aims for number in aim])
+        self.farthest = max(aim[-1] for aim in aims)
 
     def pilot(self, opacity: OpacityClipmap | None) -> tuple[mi.Float, mi.UInt32]:
         """Send a few rays of each cell; return its weight and how many of them land.
@@ -146,11 +151,12 @@ class _Cells:
         """
         ray_count = self.count * PILOT_RAYS_PER_CELL
         lane = dr.arange(mi.UInt32, ray_count * len(self.levels))
-        windows = LaneWindows.of(self.levels, lane // ray_count)
+        windows = LaneWindows.of(self.levels, lane // ray_count, self.bounds)
         lane %= ray_count
         inside = [random_unit(lane, axis) for axis in range(self.axis_count)]
         ray, flux = self._at(lane // PILOT_RAYS_PER_CELL, windows.number, inside)
-        si = self.scene.ray_intersect(ray, as_mask(True))
+        comes = windows.shorten(ray, self.farthest)
+        si = self.scene.ray_intersect(ray, as_mask(comes))
         power = dr.detach(channel_mean(flux))
         # A sick light is refused by name where its power is checked.
         lands = is_seen(si, mi.Vector3f(ray.d), windows, opacity) & dr.isfinite(power)
@@ -181,11 +187,12 @@ class _Cells:
         lane -= mi.UInt32(dr.gather(mi.Int32, starts, number))
         cell = owner(dealt, number, lane, self.count)
         share = 1.0 / (self.count * mi.Float(own_texels(dealt, cell, self.count)))
-        windows = LaneWindows.of(self.levels, number)
+        windows = LaneWindows.of(self.levels, number, self.bounds)
         inside = kronecker_points(lane) if self.axis_count == 2 else kronecker_points_4d(lane)
         places = [mi.Float(each) for each in inside]
         ray, flux = self._at(cell % self.count, number, places)
-        return DistantRays(ray, flux * as_component(share), windows, lane)
+        comes = windows.shorten(ray, self.farthest)
+        return DistantRays(ray, flux * as_component(share), windows, lane, comes)
 
     def _at(
         self, cell: mi.UInt32, window: mi.UInt32, inside: list[mi.Float]

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from vctgi.clipmap.addressing import texel_from_voxel
 from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.slots import filled_layers, surface_slot
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.directions import face_forward, front_normal
+from vctgi.maths.number_rows import FloatRow
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.records import LightTexels, ReflectiveShadowMap
 from vctgi.scene.reflectance import hemispherical_albedo
@@ -20,6 +22,13 @@ from vctgi.stages.reflective_shadow_map.derivative import Landing, RayOrigins, f
 
 GRAZING_COSINE = 1e-4
 """Below it a geometric cosine is rounding, by which nothing is divided."""
+
+RAY_MARGIN = 1e-5
+"""What rays may miss a window by, as a share of the distance that they start at: hundreds of
+roundings of single precision."""
+
+SMALLEST_COMPONENT = 1e-20
+"""Components of directions are taken as at least this large where they are divided by."""
 
 WINDOW_REACH_VOXELS = 3.0
 """How far outside its window a level still keeps lit points: surfaces fill voxels behind them, up
@@ -94,14 +103,19 @@ def land(
 
 
 def light_all(
-    scene: mi.Scene, ray: mi.Ray3f, flux: mi.Color3f, windows: LaneWindows | None, texel: mi.UInt32
+    scene: mi.Scene,
+    ray: mi.Ray3f,
+    flux: mi.Color3f,
+    windows: LaneWindows | None,
+    texel: mi.UInt32,
+    comes: mi.Bool | bool = True,
 ) -> LightTexels:
     """Find what rays light, as `land` does without derivatives, in one launch.
 
     Rays that light nothing keep their place, so that the host needs not know how many do.
     """
     ray, flux = dr.detach(ray), mi.Color3f(flux)
-    is_bright = dr.max(flux) > 0.0
+    is_bright = (dr.max(flux) > 0.0) & as_mask(comes)
     with dr.suspend_grad():  # type: ignore[no-untyped-call]
         found = scene.ray_intersect_preliminary(ray, as_mask(True), is_bright)
         is_lit = mi.Bool(found.is_valid() & is_bright)
@@ -146,16 +160,24 @@ class LaneWindows:
         Flat [window, (lowest voxel, least and most world coordinate that counts as near), axis].
     voxel_sizes
         [window] world units.
+    bounds
+        Lowest and highest corner of the scene, [3] each, world units.
     """
 
     levels: Sequence[LevelLayout]
     number: mi.UInt32
     corners: tuple[mi.Int32, mi.Float, mi.Float]
     voxel_sizes: mi.Float
+    bounds: tuple[np.ndarray, np.ndarray]
 
     @classmethod
-    def of(cls, levels: Sequence[LevelLayout], number: mi.UInt32) -> LaneWindows:
-        """Return windows of lanes by their place in a list."""
+    def of(
+        cls,
+        levels: Sequence[LevelLayout],
+        number: mi.UInt32,
+        bounds: tuple[np.ndarray, np.ndarray],
+    ) -> LaneWindows:
+        """Return windows of lanes by their place in a list, and the scene's bounds."""
         least, most = [], []
         for level in levels:
             reach = WINDOW_REACH_VOXELS * level.voxel_size
@@ -163,7 +185,38 @@ class LaneWindows:
             most += [x + reach for x in level.window_max]
         origins = mi.Int32([x for level in levels for x in level.origin])
         sizes = mi.Float([level.voxel_size for level in levels])
-        return cls(levels, number, (origins, mi.Float(least), mi.Float(most)), sizes)
+        return cls(levels, number, (origins, mi.Float(least), mi.Float(most)), sizes, bounds)
+
+    def shorten(self, ray: mi.Ray3f, outside: float) -> mi.Bool:
+        """End rays where they leave what is near their window; return those that come there.
+
+        Whatever they meet elsewhere counts for nothing, so this changes no result.
+
+        Parameters
+        ----------
+        ray
+            Rays; their ends are changed.
+        outside
+            How far away they start at most, world units.
+        """
+        margin = RAY_MARGIN * outside
+        low, high = (np.asarray(corner, dtype=np.float64) for corner in self.bounds)
+        bounds = FloatRow([*(low - margin), *(high + margin), margin])
+        _, least, most = self.corners
+        enter, leave = mi.Float(0.0), mi.Float(dr.inf)
+        for axis in range(3):
+            row = 3 * self.number + axis
+            first = dr.maximum(dr.gather(mi.Float, least, row) - bounds[6], bounds[axis])
+            last = dr.minimum(dr.gather(mi.Float, most, row) + bounds[6], bounds[3 + axis])
+            d = mi.Float(ray.d[axis])
+            d = dr.select(dr.abs(d) < SMALLEST_COMPONENT, SMALLEST_COMPONENT, d)
+            one, other = (first - ray.o[axis]) / d, (last - ray.o[axis]) / d
+            enter = dr.maximum(enter, dr.minimum(one, other))
+            leave = dr.minimum(leave, dr.maximum(one, other))
+        leave = leave * (1.0 + RAY_MARGIN) + bounds[6]
+        comes = enter * (1.0 - RAY_MARGIN) <= leave
+        ray.maxt = dr.minimum(ray.maxt, as_component(leave))
+        return mi.Bool(comes)
 
     def are_near(self, p_world: mi.Point3f) -> mi.Bool:
         """Whether points are so near to their window that their surfaces may fill its voxels."""
