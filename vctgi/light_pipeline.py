@@ -27,7 +27,11 @@ from vctgi.stages.light_injection import (
     is_by_scatter,
 )
 from vctgi.stages.outgoing_radiance import with_radiance
-from vctgi.stages.reflective_shadow_map import render_reflective_shadow_maps, trace_all_levels
+from vctgi.stages.reflective_shadow_map import (
+    KeptLight,
+    render_reflective_shadow_maps,
+    trace_all_levels,
+)
 from vctgi.stages.voxelization.emittance import voxelize_emission
 
 
@@ -70,7 +74,8 @@ def light_voxels(
     config: RenderConfig,
     clock: StageClock,
     voxels: tuple[VoxelSurfaces, OpacityClipmap],
-    parameters: ConeParameters | None,
+    parameters: ConeParameters | None = None,
+    kept: KeptLight | None = None,
 ) -> LitVolume:
     """Light the voxels of a scene, as `vctgi.pipeline.light_volume`.
 
@@ -80,13 +85,15 @@ def light_voxels(
         As there.
     voxels
         Surfaces, and their opacity at each clip level's own resolution.
+    kept
+        Light of earlier frames on the same voxels; None: all light is traced.
     """
     plan, (surfaces, opacity) = prepared.plan, voxels
     lit = _Lighting(prepared, config, clock, surfaces, opacity)
     if not plan.is_lit:
         return LitVolume(lit.downsampled(opacity, None), CountedLight([], 0))
     if parameters is None and is_by_scatter(config.injection):
-        summed = lit.sum_light()
+        summed = lit.sum_light(kept)
         if summed is not None:
             found = lit.finish(summed, summed.fallen)
             # All is launched before the host waits.
@@ -117,7 +124,7 @@ class _Lighting:
     surfaces: VoxelSurfaces
     opacity: OpacityClipmap
 
-    def sum_light(self) -> SummedLight | None:
+    def sum_light(self, kept: KeptLight | None) -> SummedLight | None:
         """Trace light to all levels and sum it; None where anything has derivatives."""
         prepared = self.prepared
         scene, lights = prepared.scene, list(prepared.plan.lights)
@@ -125,8 +132,8 @@ class _Lighting:
         if is_moving or dr.grad_enabled(self.opacity.levels):
             return None
         with self.clock("reflective shadow maps"):
-            sizes = self.config.reflective_shadow_map
-            texels = trace_all_levels(scene, lights, prepared.plan.layout, sizes, self.opacity)
+            sizes, layout = self.config.reflective_shadow_map, prepared.plan.layout
+            texels = trace_all_levels(scene, lights, layout, sizes, self.opacity, kept)
         if dr.grad_enabled(texels):
             return None
         with self.clock("light injection"):

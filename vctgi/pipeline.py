@@ -8,12 +8,13 @@ volume -> frame (`vctgi.frame_pipeline`)
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.regions import count_voxels, own_regions
+from vctgi.clipmap.levels import ClipmapLayout
+from vctgi.clipmap.regions import Region, count_voxels, own_regions
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
@@ -40,6 +41,7 @@ from vctgi.scene.surfaces import VoxelSurfaces, select_surfaces
 from vctgi.scene.triangles import extract_triangles
 from vctgi.stages.reconstruction.temporal import TemporalFrame as TemporalFrame
 from vctgi.stages.reconstruction.temporal import accumulate, project
+from vctgi.stages.reflective_shadow_map import KeptLight
 from vctgi.stages.voxelization.opacity import voxelize_triangles
 from vctgi.stages.voxelization.triangles import DeviceTriangles, upload_triangles
 from vctgi.stages.voxelization.update import changed_bounds, update_opacity
@@ -57,12 +59,15 @@ class SceneVoxels:
         Opacity at each clip level's own resolution.
     filled_count
         Voxels that the last call filled anew.
+    light
+        Light from outside that `light_volume` found on them.
     """
 
     surfaces: VoxelSurfaces
     triangles: DeviceTriangles
     opacity: OpacityClipmap
     filled_count: int
+    light: KeptLight = field(default_factory=KeptLight)
 
 
 def prepare_scene(
@@ -176,11 +181,29 @@ def update_voxels(
     with clock("opacity voxelization"):
         changed = changed_bounds(voxels.surfaces, prepared.surfaces)
         triangles = _upload(prepared, config) if changed else voxels.triangles
+        before = voxels.opacity.layout
         opacity, stale = update_opacity(
             voxels.opacity, triangles, prepared.plan.layout, changed, config.voxelization
         )
+    voxels.light.forget_levels(_changed_levels(before, prepared.plan.layout, stale))
     filled = count_voxels(box for boxes in stale for box in boxes)
-    return SceneVoxels(prepared.surfaces, triangles, opacity, filled)
+    return SceneVoxels(prepared.surfaces, triangles, opacity, filled, voxels.light)
+
+
+def _changed_levels(
+    before: ClipmapLayout, after: ClipmapLayout, stale: list[list[Region]]
+) -> list[int]:
+    """Return clip levels whose window or voxels are not what they were."""
+    moved = [
+        old.origin != new.origin
+        for old, new in zip(before.clip_levels, after.clip_levels, strict=True)
+    ]
+    # What a finer window covers is not filled.
+    return [
+        number
+        for number, is_moved in enumerate(moved)
+        if is_moved or stale[number] or (number > 0 and moved[number - 1])
+    ]
 
 
 def light_volume(
@@ -212,9 +235,11 @@ def light_volume(
     """
     if parameters is not None:
         parameters.check_bounds()
+    kept = None if voxels is None else voxels.light
     if voxels is None:
         voxels = voxelize_scene(prepared, config, clock, parameters)
-    return light_voxels(prepared, config, clock, (voxels.surfaces, voxels.opacity), parameters)
+    both = (voxels.surfaces, voxels.opacity)
+    return light_voxels(prepared, config, clock, both, parameters, kept)
 
 
 def accumulate_frame(

@@ -69,6 +69,8 @@ class LightTexels:
         Largest channel of the reflected flux, W; NaN where the light's power is none.
     level
         Clip level that each is meant for; None: all serve all of them.
+    total
+        Sum of `largest`, one lane; None where nobody has asked for it yet.
     """
 
     position: mi.Point3f
@@ -77,6 +79,13 @@ class LightTexels:
     is_lit: mi.Bool
     largest: mi.Float
     level: mi.UInt32 | None
+    total: mi.Float | None = None
+
+    def sum(self) -> mi.Float:
+        """Return the total, which is kept for the next who asks."""
+        if self.total is None:
+            self.total = mi.Float(dr.sum(self.largest))
+        return self.total
 
 
 @dataclass

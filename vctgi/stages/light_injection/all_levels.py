@@ -106,7 +106,7 @@ def inject_all_levels(texels: Sequence[LightTexels], opacity: OpacityClipmap) ->
     levels = layout.clip_levels
     total = mi.Float64(0.0)
     for each in texels:
-        total += mi.Float64(dr.sum(each.largest))
+        total += mi.Float64(each.sum())
     per_flux = mi.Float64([radiance_per_flux(level) for level in levels])
     steps, per_step = _powers_of_two(total * per_flux)
     dr.eval(total, steps, per_step)
@@ -121,8 +121,11 @@ def inject_all_levels(texels: Sequence[LightTexels], opacity: OpacityClipmap) ->
             dr.scatter(sums, mi.Int64(0), place, is_covered, dr.ReduceMode.NoConflicts)
     dr.eval(sums)
     target = _Target(opacity, sums, steps)
-    parts = [target.add(each) for each in texels]
-    dr.eval(parts, sums)
+    parts = []
+    for each in texels:
+        parts.append(target.add(each))
+        # One after the other, so that the kernel is the same however many there are.
+        dr.eval(parts[-1], sums)
     fallen = FallenLight(len(levels), parts, [each.is_lit for each in texels])
     return SummedLight(opacity, sums, per_step, total, fallen)
 

@@ -15,6 +15,7 @@ from vctgi.stages.reflective_shadow_map.config import (
     ReflectiveShadowMapConfig as ReflectiveShadowMapConfig,
 )
 from vctgi.stages.reflective_shadow_map.distant import survey_distant as survey_distant
+from vctgi.stages.reflective_shadow_map.kept import KeptLight as KeptLight
 from vctgi.stages.reflective_shadow_map.lamps import survey_lamps as survey_lamps
 from vctgi.stages.reflective_shadow_map.maps import (
     render_reflective_shadow_maps as render_reflective_shadow_maps,

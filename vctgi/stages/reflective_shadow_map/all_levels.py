@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
+
+import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.levels import ClipmapLayout
 from vctgi.clipmap.storage import OpacityClipmap
+from vctgi.maths.number_rows import entry
 from vctgi.scene.lights import Light
 from vctgi.scene.records import LightTexels
 from vctgi.stages.reflective_shadow_map.config import ReflectiveShadowMapConfig
 from vctgi.stages.reflective_shadow_map.distant import distant_rays
+from vctgi.stages.reflective_shadow_map.kept import KeptLight
 from vctgi.stages.reflective_shadow_map.landing import light_all
 from vctgi.stages.reflective_shadow_map.maps import light_of_lamps, map_sizes
 
@@ -20,6 +25,7 @@ def trace_all_levels(
     layout: ClipmapLayout,
     config: ReflectiveShadowMapConfig,
     opacity: OpacityClipmap,
+    kept: KeptLight | None = None,
 ) -> list[LightTexels]:
     """Trace the light of every emitter to where it first lands.
 
@@ -27,18 +33,56 @@ def trace_all_levels(
     ----------
     scene, lights, layout, config, opacity
         As for `render_reflective_shadow_maps`.
+    kept
+        What earlier calls found of light from outside, which then is not looked for again; gets
+        what this one finds. None: nothing is kept.
 
     Returns
     -------
     list of LightTexels
-        Of all finite lights, and of each infinite one for all levels.
+        Of all finite lights, and of each infinite one for all levels, or for each that was kept.
     """
     sizes = map_sizes(lights, layout, config)
     found = []
     if sizes.lamps:
         lamp = light_of_lamps(scene, lights, layout, config, sizes)
-        found.append(light_all(scene, lamp.rays.ray, lamp.flux, None, lamp.rays.texel))
+        found.append(light_all(scene, lamp.rays.ray, lamp.flux, lamp.rays.texel))
+    same = set()
+    if kept is not None and sizes.distant:
+        same = kept.compare(scene, lights, sizes.distant, sizes)
     for index in sizes.distant:
-        rays = distant_rays(scene, lights[index], layout.clip_levels, opacity, sizes.of_distant)
-        found.append(light_all(scene, rays.ray, rays.flux, rays.windows, rays.texel, rays.comes))
+        held = {} if kept is None else kept.texels
+        stale = [each for each in layout.clip_levels if (index, each.level) not in held]
+        if stale:
+            rays = distant_rays(scene, lights[index], stale, opacity, sizes.of_distant)
+            aim = (rays.windows, rays.comes)
+            texels = light_all(scene, rays.ray, rays.flux, rays.texel, aim)
+            if kept is None or index not in same or dr.grad_enabled(texels):
+                # A light that changes from frame to frame is not worth parting by levels.
+                found.append(texels)
+                continue
+            parts = _parts(texels, rays.counts)
+            for level, part in zip(stale, parts, strict=True):
+                kept.texels[index, level.level] = part
+        found += [held[index, level.level] for level in layout.clip_levels]
     return found
+
+
+def _parts(texels: LightTexels, counts: list[int]) -> list[LightTexels]:
+    """Return the texels of each window, which stand side by side."""
+    starts = mi.Int32([0, *accumulate(counts)])
+    parts = []
+    for place, count in enumerate(counts):
+        index = dr.arange(mi.UInt32, count) + mi.UInt32(entry(starts, place))
+        assert texels.level is not None, "only light from outside is parted"
+        part = LightTexels(
+            position=dr.gather(mi.Point3f, texels.position, index),
+            normal=dr.gather(mi.Vector3f, texels.normal, index),
+            reflected_flux=dr.gather(mi.Color3f, texels.reflected_flux, index),
+            is_lit=dr.gather(mi.Bool, texels.is_lit, index),
+            largest=dr.gather(mi.Float, texels.largest, index),
+            level=dr.gather(mi.UInt32, texels.level, index),
+        )
+        parts.append(part)
+    dr.eval(parts)
+    return parts

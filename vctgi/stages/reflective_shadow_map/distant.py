@@ -69,6 +69,8 @@ class DistantRays:
         Number of each among those of its window.
     comes
         Whether it comes near its window at all.
+    counts
+        Rays of each window.
     """
 
     ray: mi.Ray3f
@@ -76,6 +78,7 @@ class DistantRays:
     windows: LaneWindows
     texel: mi.UInt32
     comes: mi.Bool
+    counts: list[int]
 
 
 def distant_rays(
@@ -192,7 +195,7 @@ class _Cells:
         places = [mi.Float(each) for each in inside]
         ray, flux = self._at(cell % self.count, number, places)
         comes = windows.shorten(ray, self.farthest)
-        return DistantRays(ray, flux * as_component(share), windows, lane, comes)
+        return DistantRays(ray, flux * as_component(share), windows, lane, comes, counts)
 
     def _at(
         self, cell: mi.UInt32, window: mi.UInt32, inside: list[mi.Float]

@@ -14,7 +14,7 @@ from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.slots import filled_layers, surface_slot
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.directions import face_forward, front_normal
-from vctgi.maths.number_rows import FloatRow
+from vctgi.maths.number_rows import FloatRow, start_of_row
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.records import LightTexels, ReflectiveShadowMap
 from vctgi.scene.reflectance import hemispherical_albedo
@@ -106,18 +106,25 @@ def light_all(
     scene: mi.Scene,
     ray: mi.Ray3f,
     flux: mi.Color3f,
-    windows: LaneWindows | None,
     texel: mi.UInt32,
-    comes: mi.Bool | bool = True,
+    aim: tuple[LaneWindows, mi.Bool] | None = None,
 ) -> LightTexels:
     """Find what rays light, as `land` does without derivatives, in one launch.
 
     Rays that light nothing keep their place, so that the host needs not know how many do.
+
+    Parameters
+    ----------
+    scene, ray, flux, texel
+        As for `land`.
+    aim
+        Window that each ray is for, and whether it comes there; None for lamps.
     """
+    windows, comes = (None, mi.Bool(True)) if aim is None else aim
     ray, flux = dr.detach(ray), mi.Color3f(flux)
-    is_bright = (dr.max(flux) > 0.0) & as_mask(comes)
+    is_bright = (dr.max(flux) > 0.0) & comes
     with dr.suspend_grad():  # type: ignore[no-untyped-call]
-        found = scene.ray_intersect_preliminary(ray, as_mask(True), is_bright)
+        found = scene.ray_intersect_preliminary(ray, as_mask(True), as_mask(is_bright))
         is_lit = mi.Bool(found.is_valid() & is_bright)
         if windows is not None:
             is_lit &= windows.are_near(mi.Point3f(ray(found.t)))
@@ -132,7 +139,7 @@ def light_all(
         reflected_flux=reflected,
         is_lit=is_lit,
         largest=dr.select(is_power, largest, dr.nan),
-        level=None if windows is None else windows.number,
+        level=None if windows is None else windows.level_numbers(),
     )
     dr.eval(texels)
     return texels
@@ -217,6 +224,14 @@ class LaneWindows:
         comes = enter * (1.0 - RAY_MARGIN) <= leave
         ray.maxt = dr.minimum(ray.maxt, as_component(leave))
         return mi.Bool(comes)
+
+    def level_numbers(self) -> mi.UInt32:
+        """Return the level of each lane's window."""
+        numbers = [level.level for level in self.levels]
+        if numbers == list(range(len(numbers))):
+            return self.number
+        # Two at least, or Dr.Jit makes it a constant.
+        return dr.gather(mi.UInt32, mi.UInt32([*numbers, 0]), self.number + start_of_row())
 
     def are_near(self, p_world: mi.Point3f) -> mi.Bool:
         """Whether points are so near to their window that their surfaces may fill its voxels."""
