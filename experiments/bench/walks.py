@@ -20,7 +20,7 @@ from vctgi.clipmap.levels import move_clipmap
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.config import RenderConfig
 from vctgi.frame_pipeline import FrameTally
-from vctgi.pipeline import Frame, PreparedScene, update_voxels, voxelize_scene
+from vctgi.pipeline import Frame, LitVolume, PreparedScene, update_voxels, voxelize_scene
 from vctgi.prepared import StageClock, no_clock
 from vctgi.trace_cache import TraceCache
 
@@ -49,14 +49,19 @@ class WalkedFrame:
         Picture and voxels.
     filled_count
         Voxels that were filled with surfaces anew.
-    texel_count
-        Points of light maps.
+    lit
+        What the light of this frame was, None where it is an earlier one's.
     """
 
     frame: Frame
     volume: VoxelVolume
     filled_count: int
-    texel_count: int
+    lit: LitVolume | None
+
+    @property
+    def texel_count(self) -> int:
+        """Points of light maps, for which the host waits."""
+        return 0 if self.lit is None else self.lit.texel_count
 
 
 class Walk:
@@ -108,7 +113,7 @@ class Walk:
 
     def render(self, number: int, clock: StageClock = no_clock) -> WalkedFrame:
         """Render the frame of the last `change`."""
-        prepared, filled, texels = self._moved, 0, 0
+        prepared, filled = self._moved, 0
         if self.kind == CAMERA:
             self._voxels = update_voxels(self._voxels, prepared, self.config, clock)
             filled = self._voxels.filled_count
@@ -116,11 +121,11 @@ class Walk:
             self._lit = vctgi.light_volume(
                 prepared, self.config, clock, self._voxels, cache=self.cache
             )
-            texels = self._lit.texel_count
         frame = vctgi.render_frame(
             prepared, self.volume, self.config, clock, seed=number, cache=self.cache
         )
-        return WalkedFrame(frame, self.volume, filled, texels)
+        lit = None if self.kind == STILL else self._lit
+        return WalkedFrame(frame, self.volume, filled, lit)
 
     def count(self, volume: VoxelVolume, clock: StageClock) -> FrameTally:
         """Render the still frame of number 0 from a volume that counts its reads."""

@@ -20,8 +20,13 @@ def half_extent(scene: mi.Scene, window: float = math.inf) -> mi.Float:
         Edge of the part of it that is shown, if that is less: a ground a million times as large
         must not push rays out of a room.
     """
+    return dr.opaque(mi.Float, half_extent_number(scene, window))
+
+
+def half_extent_number(scene: mi.Scene, window: float = math.inf) -> float:
+    """Return `half_extent` as a number of the host."""
     low, high = scene_bounds(scene)
-    return dr.opaque(mi.Float, 0.5 * min(float(np.max(high - low)), window))
+    return 0.5 * min(float(np.max(high - low)), window)
 
 
 def longest_edge(scene: mi.Scene) -> float:

@@ -19,6 +19,10 @@ COMPARED_BY_VALUE = 64
 """Numbers of a parameter up to which they are compared themselves."""
 
 
+Parameters = dict[str, object]
+"""What `mi.traverse` finds, by name, as it was."""
+
+
 @dataclass(frozen=True)
 class SceneState:
     """The parameters of a scene and of its camera as they were.
@@ -33,17 +37,14 @@ class SceneState:
 
     scene: mi.Scene
     sensor: mi.Sensor
-    parameters: dict[str, object]
+    parameters: Parameters
 
     def is_same(self, other: SceneState) -> bool:
         """Whether nothing changed from one state to the other."""
         return (
             self.scene == other.scene
             and self.sensor == other.sensor
-            and self.parameters.keys() == other.parameters.keys()
-            and all(
-                _is_same(held, other.parameters[name]) for name, held in self.parameters.items()
-            )
+            and are_same(self.parameters, other.parameters)
         )
 
 
@@ -51,9 +52,31 @@ def scene_state(scene: mi.Scene, sensor: mi.Sensor) -> SceneState:
     """Return the parameters of a scene and a camera, which need not be one of the scene's own."""
     parameters = {}
     for prefix, part in (("scene", scene), ("sensor", sensor)):
-        for name, held in mi.traverse(part).items():  # type: ignore[no-untyped-call]
-            parameters[f"{prefix}.{name}"] = _own(held)
+        for name, held in own_parameters(part).items():
+            parameters[f"{prefix}.{name}"] = held
     return SceneState(scene, sensor, parameters)
+
+
+def own_parameters(part: mi.Object) -> Parameters:
+    """Return the parameters of a part of a scene, by name."""
+    named = mi.traverse(part).items()  # type: ignore[no-untyped-call]
+    return {name: _own(held) for name, held in named}
+
+
+def surface_parameters(scene: mi.Scene) -> Parameters:
+    """Return the parameters of all shapes, with their BSDFs and lamps."""
+    return {
+        f"{number}.{name}": held
+        for number, shape in enumerate(scene.shapes())
+        for name, held in own_parameters(shape).items()
+    }
+
+
+def are_same(first: Parameters, second: Parameters) -> bool:
+    """Whether nothing changed from one to the other."""
+    return first.keys() == second.keys() and all(
+        _is_same(held, second[name]) for name, held in first.items()
+    )
 
 
 def _own(held: Any) -> object:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -12,7 +12,7 @@ import numpy as np
 from vctgi.clipmap.levels import ClipmapLayout
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.errors import SceneError
-from vctgi.maths.recording import Recorder
+from vctgi.maths.number_rows import start_of_row
 from vctgi.maths.stub_gaps import as_component
 from vctgi.scene.derivatives import has_moving_shapes
 from vctgi.scene.lights import Light
@@ -22,11 +22,12 @@ from vctgi.stages.reflective_shadow_map.derivative import RayOrigins, anything_m
 from vctgi.stages.reflective_shadow_map.distant import distant_rays
 from vctgi.stages.reflective_shadow_map.lamps import (
     LEAST_TEXELS,
+    LampRays,
     deal_texels,
     lamp_rays,
     lamp_table,
 )
-from vctgi.stages.reflective_shadow_map.landing import find_landings, light_landings
+from vctgi.stages.reflective_shadow_map.landing import land
 
 
 def render_reflective_shadow_maps(
@@ -35,7 +36,6 @@ def render_reflective_shadow_maps(
     layout: ClipmapLayout,
     config: ReflectiveShadowMapConfig,
     opacity: OpacityClipmap | None = None,
-    recorder: Recorder | None = None,
 ) -> list[ReflectiveShadowMap]:
     """Trace the light of every emitter to where it first lands.
 
@@ -52,8 +52,6 @@ def render_reflective_shadow_maps(
     opacity
         Voxels of that clipmap: light from outside gets its texels where they show it, and not on
         the undersides of floors. Without them its texels go to all surfaces in a window.
-    recorder
-        Keeps what is traced; not for what has derivatives.
 
     Returns
     -------
@@ -70,39 +68,71 @@ def render_reflective_shadow_maps(
     ----------
     [Dachsbacher2005] C. Dachsbacher, M. Stamminger, Reflective shadow maps.
     """
-    lamps = [index for index, light in enumerate(lights) if not light.is_infinite]
-    distant = [index for index, light in enumerate(lights) if light.is_infinite]
-    wanted = math.ceil(config.texels_per_voxel * layout.resolution) ** 2
-    affordable = _affordable(len(lamps) + layout.read_clip_level_count * len(distant), config)
+    sizes = map_sizes(lights, layout, config)
     maps = []
-    if lamps:
-        most = min(affordable * len(lamps), wanted * config.full_lamp_count)
-        full = min(wanted, most)
-        maps.append(_light_by_lamps(scene, lights, lamps, layout, (config, full, most), recorder))
-    for index in distant:
-        limits = (min(wanted, affordable), affordable)
+    if sizes.lamps:
+        maps.append(_light_by_lamps(scene, lights, layout, config, sizes))
+    for index in sizes.distant:
+        limits = sizes.of_distant
         is_moving = anything_moves([lights[index]])
-        is_followed = is_moving or has_moving_shapes(scene)
-        keeper = None if is_followed else recorder
         with dr.suspend_grad(when=is_moving):  # type: ignore[no-untyped-call]
-            rays = distant_rays(scene, lights[index], layout.clip_levels, opacity, limits, keeper)
-        count = dr.width(rays.texel)
+            rays = distant_rays(scene, lights[index], layout.clip_levels, opacity, limits)
+        count = dr.width(rays.ray.o)
         owner = dr.full(mi.UInt32, index, count)
-        require_power(rays.landings.is_power, owner, lights)
+        require_power(rays.flux, owner, lights)
         origins = None
-        if is_followed:
+        if is_moving or has_moving_shapes(scene):
             middle = mi.Point2f(dr.full(mi.Float, 0.5, count), 0.5)
             origins = RayOrigins(lights, owner, middle, middle, dr.full(mi.Float, 1.0, count))
-        landed = light_landings(scene, rays.landings, rays.texel, origins, keeper)
+        landed = land(scene, rays.ray, rays.flux, rays.windows, rays.texel, origins)
         if landed is not None:
             found, hit = landed
             named = replace(found, light_name=lights[index].name)
             named.light_index = dr.gather(mi.UInt32, owner, hit)
-            window = dr.gather(mi.UInt32, rays.window, hit)
+            window = dr.gather(mi.UInt32, rays.windows.number, hit)
             maps += _by_level(named, window, layout)
     kept = [each for each in maps if each is not None]
     dr.eval(kept)
     return kept
+
+
+@dataclass(frozen=True)
+class MapSizes:
+    """Which lights have which maps.
+
+    Attributes
+    ----------
+    lamps, distant
+        Places of the finite and the infinite lights in their list.
+    of_lamps
+        Most texels of one lamp; of all together.
+    of_distant
+        Texels that should land of a distant light in each level; rays that may be sent for that.
+    """
+
+    lamps: list[int]
+    distant: list[int]
+    of_lamps: tuple[int, int]
+    of_distant: tuple[int, int]
+
+
+def map_sizes(
+    lights: list[Light], layout: ClipmapLayout, config: ReflectiveShadowMapConfig
+) -> MapSizes:
+    """Return how many texels lights get.
+
+    Raises
+    ------
+    ValueError
+        There are more lights than there may be texels.
+    """
+    lamps = [index for index, light in enumerate(lights) if not light.is_infinite]
+    distant = [index for index, light in enumerate(lights) if light.is_infinite]
+    wanted = math.ceil(config.texels_per_voxel * layout.resolution) ** 2
+    affordable = _affordable(len(lamps) + layout.read_clip_level_count * len(distant), config)
+    most = min(affordable * len(lamps), wanted * config.full_lamp_count)
+    of_distant = (min(wanted, affordable), affordable)
+    return MapSizes(lamps, distant, (min(wanted, most), most), of_distant)
 
 
 def _by_level(
@@ -149,57 +179,69 @@ def _affordable(map_count: int, config: ReflectiveShadowMapConfig) -> int:
     return affordable
 
 
+@dataclass
+class LampLight:
+    """Rays of all lamps, the power of each, W, and the place of its light among all lights."""
+
+    rays: LampRays
+    flux: mi.Color3f
+    owner: mi.UInt32
+    texel_count: mi.UInt32
+
+
+def light_of_lamps(
+    scene: mi.Scene,
+    lights: list[Light],
+    layout: ClipmapLayout,
+    config: ReflectiveShadowMapConfig,
+    sizes: MapSizes,
+) -> LampLight:
+    """Return the rays of all lamps; what they were made from has no derivatives."""
+    chosen = [lights[index] for index in sizes.lamps]
+    counts = deal_texels(scene, chosen, layout, config.texels_per_face, sizes.of_lamps)
+    rays = lamp_rays(scene, chosen, counts, layout)
+    table, start = lamp_table([*counts.tolist(), *sizes.lamps]), start_of_row()
+    texel_count = dr.gather(mi.UInt32, table, rays.which + start)
+    flux = rays.weight / as_component(mi.Float(texel_count))
+    owner = dr.gather(mi.UInt32, table, rays.which + (start + len(chosen)))
+    return LampLight(rays, flux, owner, texel_count)
+
+
 def _light_by_lamps(
     scene: mi.Scene,
     lights: list[Light],
-    lamps: list[int],
     layout: ClipmapLayout,
-    limits: tuple[ReflectiveShadowMapConfig, int, int],
-    recorder: Recorder | None,
+    config: ReflectiveShadowMapConfig,
+    sizes: MapSizes,
 ) -> ReflectiveShadowMap | None:
     """Trace all lamps in one launch; None if none of them reaches anything."""
-    chosen = [lights[index] for index in lamps]
-    config, full, most = limits
-    counts = deal_texels(scene, chosen, layout, config.texels_per_face, (full, most))
     is_followed = anything_moves(lights) or has_moving_shapes(scene)
     with dr.suspend_grad(when=is_followed):  # type: ignore[no-untyped-call]
-        rays = lamp_rays(scene, chosen, counts, layout)
-    which = rays.which
-    texel_count = dr.gather(mi.UInt32, lamp_table(counts.tolist()), which)
-    flux = rays.weight / as_component(mi.Float(texel_count))
-    owner = dr.gather(mi.UInt32, lamp_table(lamps), which)
-    landings = find_landings(scene, rays.ray, flux, None)
-    require_power(landings.is_power, owner, lights)
+        lamp = light_of_lamps(scene, lights, layout, config, sizes)
+    rays, owner = lamp.rays, lamp.owner
+    require_power(lamp.flux, owner, lights)
     origins = None
     if is_followed:
-        share = 1.0 / mi.Float(texel_count)
+        share = 1.0 / mi.Float(lamp.texel_count)
         origins = RayOrigins(lights, owner, rays.position, rays.direction, share)
-    keeper = None if is_followed else recorder
-    landed = light_landings(scene, landings, rays.texel, origins, keeper)
+    landed = land(scene, rays.ray, lamp.flux, None, rays.texel, origins)
     if landed is None:
         return None
     found, hit = landed
-    name = chosen[0].name if len(chosen) == 1 else f"{len(chosen)} lamps"
+    count = len(sizes.lamps)
+    name = lights[sizes.lamps[0]].name if count == 1 else f"{count} lamps"
     return replace(found, light_name=name, light_index=dr.gather(mi.UInt32, owner, hit))
 
 
-def require_power(is_power: mi.Bool, owner: mi.UInt32, lights: list[Light]) -> None:
+def require_power(flux: mi.Color3f, owner: mi.UInt32, lights: list[Light]) -> None:
     """Refuse a light whose power is no power.
-
-    Parameters
-    ----------
-    is_power
-        Whether that of each ray is one.
-    owner
-        Place of each ray's light in the list.
-    lights
-        All of them.
 
     Raises
     ------
     SceneError
         It names the first such light.
     """
+    is_power = dr.all((flux >= 0.0) & dr.isfinite(flux))
     if bool(dr.all(is_power)):
         return
     first = int(np.min(np.array(dr.gather(mi.UInt32, owner, mi.UInt32(dr.compress(~is_power))))))
