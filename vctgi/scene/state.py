@@ -8,6 +8,7 @@ does not expose as a parameter cannot be changed.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,26 +51,38 @@ class SceneState:
 
 def scene_state(scene: mi.Scene, sensor: mi.Sensor) -> SceneState:
     """Return the parameters of a scene and a camera, which need not be one of the scene's own."""
-    parameters = {}
-    for prefix, part in (("scene", scene), ("sensor", sensor)):
-        for name, held in own_parameters(part).items():
-            parameters[f"{prefix}.{name}"] = held
-    return SceneState(scene, sensor, parameters)
+    watched = WatchedParameters({"scene": scene, "sensor": sensor})
+    return SceneState(scene, sensor, watched.read())
 
 
-def own_parameters(part: mi.Object) -> Parameters:
-    """Return the parameters of a part of a scene, by name."""
-    named = mi.traverse(part).items()  # type: ignore[no-untyped-call]
-    return {name: _own(held) for name, held in named}
+class WatchedParameters:
+    """The parameters of parts of a scene, listed once, and read as often as they may have changed.
+
+    To list the parameters of many shapes takes the host longer than a frame may take; to read them
+    does not. The parts must keep their own parts: a texture that is replaced by another object is
+    not seen.
+
+    Parameters
+    ----------
+    parts
+        By name.
+    """
+
+    def __init__(self, parts: Mapping[str, mi.Object]) -> None:
+        self._listed: dict[str, Any] = {name: mi.traverse(part) for name, part in parts.items()}
+
+    def read(self) -> Parameters:
+        """Return the parameters as they are now."""
+        return {
+            f"{part}.{name}": _own(listed[name])
+            for part, listed in self._listed.items()
+            for name in listed.properties
+        }
 
 
-def surface_parameters(scene: mi.Scene) -> Parameters:
+def watched_surfaces(scene: mi.Scene) -> WatchedParameters:
     """Return the parameters of all shapes, with their BSDFs and lamps."""
-    return {
-        f"{number}.{name}": held
-        for number, shape in enumerate(scene.shapes())
-        for name, held in own_parameters(shape).items()
-    }
+    return WatchedParameters({str(number): each for number, each in enumerate(scene.shapes())})
 
 
 def are_same(first: Parameters, second: Parameters) -> bool:

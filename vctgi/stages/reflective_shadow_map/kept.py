@@ -14,7 +14,20 @@ import mitsuba as mi
 
 from vctgi.scene.lights import Light
 from vctgi.scene.records import LightTexels
-from vctgi.scene.state import Parameters, are_same, own_parameters, surface_parameters
+from vctgi.scene.state import Parameters, WatchedParameters, are_same, watched_surfaces
+
+
+@dataclass
+class WatchedLight:
+    """A light, and its parameters, to be read anew."""
+
+    part: mi.Emitter
+    parameters: WatchedParameters
+
+    @classmethod
+    def of(cls, emitter: mi.Emitter) -> WatchedLight:
+        """List the parameters of a light."""
+        return cls(emitter, WatchedParameters({"light": emitter}))
 
 
 @dataclass
@@ -25,6 +38,8 @@ class KeptLight:
     ----------
     scene, surfaces
         The scene, and the parameters of its surfaces when the texels were found.
+    watched
+        Those parameters, and those of each light by its place, to be read anew.
     sizes
         What sized the maps.
     lights
@@ -35,6 +50,7 @@ class KeptLight:
 
     scene: mi.Scene | None = None
     surfaces: Parameters | None = None
+    watched: tuple[WatchedParameters, dict[int, WatchedLight]] | None = None
     sizes: Hashable = None
     lights: dict[int, Parameters] = field(default_factory=dict)
     texels: dict[tuple[int, int], LightTexels] = field(default_factory=dict)
@@ -58,12 +74,20 @@ class KeptLight:
         sizes
             What sizes the maps.
         """
-        surfaces = surface_parameters(scene)
+        if self.scene is not scene or self.watched is None:
+            # Listed once, because that takes longer than all the rest.
+            self.watched = watched_surfaces(scene), {}
+        watched, sources = self.watched
+        for index in distant:
+            emitter = lights[index].emitter
+            if index not in sources or sources[index].part != emitter:
+                sources[index] = WatchedLight.of(emitter)
+        surfaces = watched.read()
         is_same = self.scene is scene and self.sizes == sizes
         if self.surfaces is None or not is_same or not are_same(self.surfaces, surfaces):
             self.lights, self.texels = {}, {}
         self.scene, self.surfaces, self.sizes = scene, surfaces, sizes
-        now = {index: own_parameters(lights[index].emitter) for index in distant}
+        now = {index: sources[index].parameters.read() for index in distant}
         same = {
             index
             for index, held in now.items()
