@@ -80,7 +80,8 @@ class Tracing:
         """Record what is traced."""
         if cache is None:
             return
-        if self.tally is not None or self.parameters is not None or self.volume.has_derivatives:
+        is_live = self.volume.has_derivatives or self.prepared.has_derivatives
+        if self.tally is not None or self.parameters is not None or is_live:
             raise ValueError(
                 "render_frame: a frame that is counted or has derivatives is traced anew each "
                 "time; leave out `cache`."

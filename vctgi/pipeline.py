@@ -87,7 +87,7 @@ def prepare_scene(
         is_cut = config.emission_in_voxels or config.sky_in_cones or config.sky_lighting == "cones"
         is_ambient = config.mode == "ambient"
         is_tangled = not is_ambient and (is_cut or config.bounce_count > 0)
-        check_derivatives(
+        has_derivatives = check_derivatives(
             scene,
             ("radiance",) if is_cut else (),
             can_shapes_move=config.voxelization.coverage == "analytic" and not is_tangled,
@@ -116,7 +116,9 @@ def prepare_scene(
             if environment is not None:
                 sky = prefilter_sky(environment, config.sky)
     kinds = list_lobe_kinds(triangles.bsdfs) if plan.has_specular else None
-    return PreparedScene(scene, sensor, triangles, materials, surfaces, plan, sky, kinds)
+    return PreparedScene(
+        scene, sensor, triangles, materials, surfaces, plan, sky, kinds, has_derivatives
+    )
 
 
 def voxelize_scene(
@@ -235,10 +237,10 @@ def light_volume(
     Raises
     ------
     ValueError
-        Parameters out of their bounds; a cache with parameters.
+        Parameters out of their bounds; a cache with parameters or derivatives.
     """
     if cache is not None:
-        if parameters is not None:
+        if parameters is not None or prepared.has_derivatives:
             raise ValueError(
                 "light_volume: voxels that have derivatives are lit anew each time; leave out "
                 "`cache`."

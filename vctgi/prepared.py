@@ -43,6 +43,8 @@ class PreparedScene:
         The environment for cones, if any of them see it.
     lobe_kinds
         Which BSDFs have their lobes' cones in a table, if any has.
+    has_derivatives
+        Whether any parameter of the scene has.
     """
 
     scene: mi.Scene
@@ -53,3 +55,4 @@ class PreparedScene:
     plan: Plan
     sky: PrefilteredSky | None = None
     lobe_kinds: mi.UInt32 | None = None
+    has_derivatives: bool = False

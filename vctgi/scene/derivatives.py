@@ -48,8 +48,8 @@ def has_derivatives(name: str) -> bool:
 
 def check_derivatives(
     scene: mi.Scene, cut: tuple[str, ...] = (), *, can_shapes_move: bool = False
-) -> None:
-    """Refuse derivatives that would be cut.
+) -> bool:
+    """Refuse derivatives that would be cut; return whether there are others.
 
     Parameters
     ----------
@@ -67,11 +67,9 @@ def check_derivatives(
     """
     parameters: Any = mi.traverse(scene)
     moving = moving_names(scene, can_shapes_move=can_shapes_move)
-    for name in list(parameters.keys()):
-        value = parameters[name]
-        if not dr.grad_enabled(value) or name in moving:
-            continue
-        if not (has_derivatives(name) and _is_whole(name, cut)):
+    live = [name for name in list(parameters.keys()) if dr.grad_enabled(parameters[name])]
+    for name in live:
+        if name not in moving and not (has_derivatives(name) and _is_whole(name, cut)):
             raise SceneError(
                 "no derivative",
                 f"the parameter '{name}'",
@@ -79,6 +77,7 @@ def check_derivatives(
                 'see; shapes but with coverage="analytic" and one bounce; vertices of lamps, which '
                 "can be moved by their to_world",
             )
+    return bool(live)
 
 
 def moving_names(scene: mi.Scene, *, can_shapes_move: bool) -> set[str]:

@@ -50,7 +50,10 @@ def trace_all_levels(
     found = []
     if sizes.lamps:
         lamp = light_of_lamps(scene, lights, layout, config, sizes)
-        found.append(light_all(scene, lamp.rays.ray, lamp.flux, lamp.rays.texel))
+        rays = (lamp.rays.ray, lamp.flux, lamp.rays.texel)
+        if recorder is not None:
+            dr.eval(rays)
+        found.append(run_recorded(recorder, "light of lamps", light_all, scene, *rays))
     same = set()
     if kept is not None and sizes.distant:
         same = kept.compare(scene, lights, sizes.distant, sizes)
