@@ -125,7 +125,7 @@ def dim_sky(parameters: mi.SceneParameters) -> None:
     parameters["sky.radiance.value"] = mi.Color3f(0.1)
 
 
-def paint_walls(parameters: mi.SceneParameters) -> None:
+def paint_walls(parameters: Any) -> None:
     for name in list(parameters.keys()):
         if name.endswith("reflectance.value") and "specular" not in name:
             parameters[name] = mi.Color3f(0.9, 0.1, 0.1)
