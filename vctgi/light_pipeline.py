@@ -133,7 +133,8 @@ class _Lighting:
             return None
         with self.clock("reflective shadow maps"):
             sizes, layout = self.config.reflective_shadow_map, prepared.plan.layout
-            texels = trace_all_levels(scene, lights, layout, sizes, self.opacity, kept)
+            plain = prepared.plain_bsdfs
+            texels = trace_all_levels(scene, lights, layout, sizes, self.opacity, plain, kept)
         if dr.grad_enabled(texels):
             return None
         with self.clock("light injection"):

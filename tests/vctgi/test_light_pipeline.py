@@ -103,7 +103,8 @@ def test_all_levels_at_once_are_lit_like_one_after_the_other(
     arguments = (prepared.scene, list(prepared.plan.lights), layout, rules, voxels.opacity)
     maps = render_reflective_shadow_maps(*arguments)
     expected = inject_light(maps, voxels.opacity)
-    light = inject_all_levels(trace_all_levels(*arguments), voxels.opacity)
+    texels = trace_all_levels(*arguments, prepared.plain_bsdfs)
+    light = inject_all_levels(texels, voxels.opacity)
     found = light.emittance()
     for one, other in zip(found.levels, expected.levels, strict=True):
         scale = float(np.array(other).max(initial=0.0))

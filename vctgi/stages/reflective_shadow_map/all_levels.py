@@ -25,6 +25,7 @@ def trace_all_levels(
     layout: ClipmapLayout,
     config: ReflectiveShadowMapConfig,
     opacity: OpacityClipmap,
+    plain: mi.UInt32,
     kept: KeptLight | None = None,
 ) -> list[LightTexels]:
     """Trace the light of every emitter to where it first lands.
@@ -33,6 +34,8 @@ def trace_all_levels(
     ----------
     scene, lights, layout, config, opacity
         As for `render_reflective_shadow_maps`.
+    plain
+        What `list_plain_bsdfs` returned for the scene.
     kept
         What earlier calls found of light from outside, which then is not looked for again; gets
         what this one finds. None: nothing is kept.
@@ -46,7 +49,7 @@ def trace_all_levels(
     found = []
     if sizes.lamps:
         lamp = light_of_lamps(scene, lights, layout, config, sizes)
-        found.append(light_all(scene, lamp.rays.ray, lamp.flux, lamp.rays.texel))
+        found.append(light_all(scene, lamp.rays.ray, lamp.flux, lamp.rays.texel, plain))
     same = set()
     if kept is not None and sizes.distant:
         same = kept.compare(scene, lights, sizes.distant, sizes)
@@ -56,7 +59,7 @@ def trace_all_levels(
         if stale:
             rays = distant_rays(scene, lights[index], stale, opacity, sizes.of_distant)
             aim = (rays.windows, rays.comes)
-            texels = light_all(scene, rays.ray, rays.flux, rays.texel, aim)
+            texels = light_all(scene, rays.ray, rays.flux, rays.texel, plain, aim)
             if kept is None or index not in same or dr.grad_enabled(texels):
                 # A light that changes from frame to frame is not worth parting by levels.
                 found.append(texels)
