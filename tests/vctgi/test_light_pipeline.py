@@ -155,6 +155,26 @@ def test_kept_light_is_that_of_new_voxels(
     np.testing.assert_array_equal(words(found), words(light_volume(moved, config)))
 
 
+def test_no_light_is_sent_to_levels_beyond_the_scene() -> None:
+    prepared, config, _ = prepared_room(outside())
+    wide = replace(config, clipmap=replace(config.clipmap, level_count=5))
+    around = prepare_scene(prepared.scene, prepared.sensor, wide)
+    lit = voxelize_scene(around, wide)
+    texels = trace_all_levels(
+        prepared.scene,
+        list(around.plan.lights),
+        around.plan.layout,
+        wide.reflective_shadow_map,
+        lit.opacity,
+        prepared.plain_bsdfs,
+    )
+    for each in texels:
+        assert each.level is not None
+        # The room is 1.8 wide, windows are 1.6, 3.2, ...; a surface may fill a voxel behind it.
+        assert set(np.array(each.level).tolist()) == {0, 1, 2}
+    assert not any(np.array(level).any() for level in lit.opacity.levels[2:])
+
+
 def test_light_of_voxels_that_changed_is_found_again() -> None:
     prepared, config, voxels = prepared_room(outside())
     for _ in range(2):

@@ -7,9 +7,11 @@ from itertools import accumulate
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.levels import ClipmapLayout
+from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
+from vctgi.clipmap.regions import intersection, own_regions, world_region
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.number_rows import entry
+from vctgi.scene.extent import scene_bounds
 from vctgi.scene.lights import Light
 from vctgi.scene.records import LightTexels
 from vctgi.stages.reflective_shadow_map.config import ReflectiveShadowMapConfig
@@ -50,12 +52,13 @@ def trace_all_levels(
     if sizes.lamps:
         lamp = light_of_lamps(scene, lights, layout, config, sizes)
         found.append(light_all(scene, lamp.rays.ray, lamp.flux, lamp.rays.texel, plain))
+    levels = _levels_with_surfaces(scene, layout, opacity) if sizes.distant else []
     same = set()
     if kept is not None and sizes.distant:
         same = kept.compare(scene, lights, sizes.distant, sizes)
     for index in sizes.distant:
         held = {} if kept is None else kept.texels
-        stale = [each for each in layout.clip_levels if (index, each.level) not in held]
+        stale = [each for each in levels if (index, each.level) not in held]
         if stale:
             rays = distant_rays(scene, lights[index], stale, opacity, sizes.of_distant)
             aim = (rays.windows, rays.comes)
@@ -67,7 +70,26 @@ def trace_all_levels(
             parts = _parts(texels, rays.counts)
             for level, part in zip(stale, parts, strict=True):
                 kept.texels[index, level.level] = part
-        found += [held[index, level.level] for level in layout.clip_levels]
+        found += [held[index, level.level] for level in levels]
+    return found
+
+
+def _levels_with_surfaces(
+    scene: mi.Scene, layout: ClipmapLayout, opacity: OpacityClipmap
+) -> list[LevelLayout]:
+    """Return the clip levels in which a surface may fill a voxel of their own.
+
+    Where finer windows hold the whole scene, no light could be seen in the coarser one.
+    """
+    low, high = scene_bounds(scene)
+    # One voxel more than surfaces reach, for rounding.
+    reach = opacity.rule.reach_voxels + 1.0
+    found = []
+    for level in layout.clip_levels:
+        box = world_region(level, low, high, reach)
+        parts = [] if box is None else own_regions(layout, level)
+        if any(box is not None and intersection(part, box) is not None for part in parts):
+            found.append(level)
     return found
 
 
