@@ -138,8 +138,9 @@ class _Lighting:
             return None
         with self.clock("reflective shadow maps"):
             sizes, layout = self.config.reflective_shadow_map, prepared.plan.layout
+            plain = prepared.plain_bsdfs
             texels = trace_all_levels(
-                scene, lights, layout, sizes, self.opacity, kept, self.recorder
+                scene, lights, layout, sizes, self.opacity, plain, kept, self.recorder
             )
         if dr.grad_enabled(texels):
             return None

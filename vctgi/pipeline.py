@@ -36,6 +36,7 @@ from vctgi.scene.light_checks import check_lights
 from vctgi.scene.lights import list_lights
 from vctgi.scene.lobe_kinds import list_lobe_kinds
 from vctgi.scene.materials import describe_material
+from vctgi.scene.reflectance import list_plain_bsdfs
 from vctgi.scene.sky import black_sky, prefilter_sky
 from vctgi.scene.surfaces import VoxelSurfaces, select_surfaces
 from vctgi.scene.triangles import extract_triangles
@@ -117,7 +118,16 @@ def prepare_scene(
                 sky = prefilter_sky(environment, config.sky)
     kinds = list_lobe_kinds(triangles.bsdfs) if plan.has_specular else None
     return PreparedScene(
-        scene, sensor, triangles, materials, surfaces, plan, sky, kinds, has_derivatives
+        scene=scene,
+        sensor=sensor,
+        triangles=triangles,
+        materials=materials,
+        surfaces=surfaces,
+        plan=plan,
+        plain_bsdfs=list_plain_bsdfs(triangles.bsdfs),
+        sky=sky,
+        lobe_kinds=kinds,
+        has_derivatives=has_derivatives,
     )
 
 

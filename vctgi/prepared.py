@@ -39,6 +39,8 @@ class PreparedScene:
         Geometry, what its BSDFs contribute, and the sides that are voxelized.
     plan
         What is run and what is left out.
+    plain_bsdfs
+        Which BSDFs reflect a texture evenly and do nothing else.
     sky
         The environment for cones, if any of them see it.
     lobe_kinds
@@ -53,6 +55,7 @@ class PreparedScene:
     materials: list[Material]
     surfaces: VoxelSurfaces
     plan: Plan
+    plain_bsdfs: mi.UInt32
     sky: PrefilteredSky | None = None
     lobe_kinds: mi.UInt32 | None = None
     has_derivatives: bool = False

@@ -85,10 +85,19 @@ def watched_surfaces(scene: mi.Scene) -> WatchedParameters:
     return WatchedParameters({str(number): each for number, each in enumerate(scene.shapes())})
 
 
-def are_same(first: Parameters, second: Parameters) -> bool:
-    """Whether nothing changed from one to the other."""
+def are_same(first: Parameters, second: Parameters, *, reads_small: bool = True) -> bool:
+    """Whether nothing changed from one to the other.
+
+    Parameters
+    ----------
+    first, second
+        What to compare.
+    reads_small
+        Whether the host reads small arrays that were written to, which may hold what they did.
+    """
+    limit = COMPARED_BY_VALUE if reads_small else 0
     return first.keys() == second.keys() and all(
-        _is_same(held, second[name]) for name, held in first.items()
+        _is_same(held, second[name], limit) for name, held in first.items()
     )
 
 
@@ -97,7 +106,9 @@ def _own(held: Any) -> object:
 
     The copy of an array is another name of the same variable, until one of the two is written to.
     """
-    return type(held)(held) if dr.is_jit_v(held) else _copied(held)
+    # A transformation is its matrix, which the host need not read.
+    matrix = getattr(held, "matrix", held)
+    return type(matrix)(matrix) if dr.is_jit_v(matrix) else _copied(held)
 
 
 def _copied(held: object) -> object:
@@ -106,13 +117,13 @@ def _copied(held: object) -> object:
     return held if values.dtype == object else values
 
 
-def _is_same(first: object, second: object) -> bool:
+def _is_same(first: object, second: object, limit: int) -> bool:
     if dr.is_jit_v(first) and dr.is_jit_v(second):
         if dr.grad_enabled(first, second) or dr.width(first) != dr.width(second):
             return False
         if _variables(first) == _variables(second):
             return True
-        if dr.width(first) > COMPARED_BY_VALUE:
+        if dr.width(first) > limit:
             return False
         first, second = _copied(first), _copied(second)
     if isinstance(first, np.ndarray) and isinstance(second, np.ndarray):

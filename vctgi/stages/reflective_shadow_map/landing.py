@@ -16,7 +16,7 @@ from vctgi.maths.directions import face_forward, front_normal
 from vctgi.maths.number_rows import entry, start_of_row
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.records import LightTexels, ReflectiveShadowMap
-from vctgi.scene.reflectance import hemispherical_albedo
+from vctgi.scene.reflectance import hemispherical_albedo, plain_or_sampled_albedo
 from vctgi.stages.reflective_shadow_map.derivative import Landing, RayOrigins, follow_lights
 
 GRAZING_COSINE = 1e-4
@@ -106,6 +106,7 @@ def light_all(
     ray: mi.Ray3f,
     flux: mi.Color3f,
     texel: mi.UInt32,
+    plain: mi.UInt32,
     aim: tuple[LaneWindows, mi.Bool] | None = None,
 ) -> LightTexels:
     """Find what rays light, as `land` does without derivatives, in one launch.
@@ -116,6 +117,8 @@ def light_all(
     ----------
     scene, ray, flux, texel
         As for `land`.
+    plain
+        What `list_plain_bsdfs` returned for the scene.
     aim
         Window that each ray is for, and whether it comes there; None for lamps.
     """
@@ -129,7 +132,8 @@ def light_all(
             is_lit &= windows.are_near(mi.Point3f(ray(found.t)))
         si = found.compute_surface_interaction(ray, int(mi.RayFlags.All), as_mask(is_lit))
     shaded = flux * as_component(_turned(si, ray))
-    reflected = dr.select(is_lit, shaded * hemispherical_albedo(si, texel, is_lit), 0.0)
+    albedo = plain_or_sampled_albedo(si, texel, plain, is_lit)
+    reflected = dr.select(is_lit, shaded * albedo, 0.0)
     is_power = mi.Bool(dr.all((flux >= 0.0) & dr.isfinite(flux)))
     largest = mi.Float(dr.max(dr.detach(reflected)))
     texels = LightTexels(
