@@ -114,7 +114,8 @@ def render_frame(
             traced = None
         seen = tracing.run(look, number, number, place_number, stream, traced)
         traced = seen.traced
-        alone = lone_rays(seen.found)
+        with clock("interpolation"):
+            alone = lone_rays(seen.found)
         lone_count = 0 if alone is None else dr.width(alone)
         sums = tracing.run(
             finish,

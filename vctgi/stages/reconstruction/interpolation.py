@@ -202,7 +202,8 @@ def refine(
     points = dr.gather(GBuffer, gbuffer, ray, is_real)
     points.is_valid &= is_real
     dr.eval(points)
-    dr.scatter(light, gather(points), ray, is_real)
+    traced = dr.gather(mi.Color3f, gather(points), dr.arange(mi.UInt32, dr.width(alone)))
+    dr.scatter(light, traced, alone)
     dr.eval(light)
     return light
 
