@@ -75,9 +75,12 @@ class FrameResult(_Part):
     worst_frame: int = Field(ge=0)
     application_ms: float = Field(ge=0.0)
     wall_ms: float = Field(ge=0.0)
-    """Until the device had finished with all of the frame; nothing watches, median."""
+    """Of a frame with a cache of what it traces, from an idle device to an idle device; nothing
+    watches, median."""
     host_ms: float = Field(ge=0.0)
-    """Wall time less all of the device's: what the host adds."""
+    """Wall time less the run time of all kernels of such a frame: what the host adds."""
+    loop_ms: float | None = Field(default=None, ge=0.0)
+    """Of a frame in a loop that waits for nothing, mean, with what moves camera or lights."""
     compiled: int = Field(ge=0)
     """Kernels that were not in memory yet, in all frames that count."""
     stages: list[StageResult]

@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.slot_surfaces import SlotSurfaces
-from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap, pack_volume
+from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
 from vctgi.clipmap.stored_directions import StoredDirections
 from vctgi.config import RenderConfig
 from vctgi.prepared import PreparedScene, StageClock
@@ -27,7 +27,7 @@ from vctgi.stages.bounces import (
     slot_receivers,
 )
 from vctgi.stages.cone_tracing.diffuse import trace_diffuse
-from vctgi.stages.downsampling import downsample
+from vctgi.stages.downsampling import downsample_volume
 from vctgi.stages.slot_surfaces.slots import describe_slots
 
 
@@ -97,10 +97,13 @@ def slot_gatherer(
     receivers = [slot_receivers(each) if each.count else None for each in surfaces]
 
     def gather(emittance: EmittanceClipmap) -> list[mi.Color3f]:
-        merged, lit = downsample(opacity, emittance, config.downsampling)
-        assert lit is not None, "downsampling keeps the emittance it is given"
-        volume = pack_volume(
-            merged, lit, config.storage, directions, keeps_empty=config.is_kept("levels")
+        volume = downsample_volume(
+            opacity,
+            emittance,
+            config.downsampling,
+            config.storage,
+            directions,
+            keeps_empty=config.is_kept("levels"),
         )
         return [
             dr.zeros(mi.Color3f, 0)

@@ -9,8 +9,11 @@ from vctgi.maths.evaluation import evaluated
 from vctgi.scene.records import GBuffer
 from vctgi.stages.composite import IndirectLight
 
+Channels = dict[str, list["mi.Float"]]
+"""Parts of a picture by name, each with its channels."""
 
-def surfaces(gbuffer: GBuffer) -> dict[str, list[mi.Float]]:
+
+def surfaces(gbuffer: GBuffer) -> Channels:
     """Return what the first ray of each pixel met."""
     normal = dr.select(gbuffer.is_valid, gbuffer.normal, 0.0)
     return {
@@ -19,7 +22,7 @@ def surfaces(gbuffer: GBuffer) -> dict[str, list[mi.Float]]:
     }
 
 
-def light_sample(gbuffer: GBuffer, light: IndirectLight) -> dict[str, list[mi.Float]]:
+def light_sample(gbuffer: GBuffer, light: IndirectLight) -> Channels:
     """Return a sample of each pixel of a picture of light."""
     return {
         "indirect_diffuse": list(light.diffuse),
@@ -28,7 +31,7 @@ def light_sample(gbuffer: GBuffer, light: IndirectLight) -> dict[str, list[mi.Fl
     }
 
 
-def ambient_sample(gbuffer: GBuffer, openness: mi.Color3f) -> dict[str, list[mi.Float]]:
+def ambient_sample(gbuffer: GBuffer, openness: mi.Color3f) -> Channels:
     """Return a sample of each pixel of a picture of ambient occlusion, which has no light."""
     dark = [dr.zeros(mi.Float, dr.width(gbuffer.depth))] * 3
     return {
@@ -39,7 +42,7 @@ def ambient_sample(gbuffer: GBuffer, openness: mi.Color3f) -> dict[str, list[mi.
     }
 
 
-def _surface_sample(gbuffer: GBuffer) -> dict[str, list[mi.Float]]:
+def _surface_sample(gbuffer: GBuffer) -> Channels:
     normal = dr.select(gbuffer.is_valid, gbuffer.normal, 0.0)
     return {
         "albedo": list(gbuffer.albedo),
@@ -48,26 +51,30 @@ def _surface_sample(gbuffer: GBuffer) -> dict[str, list[mi.Float]]:
     }
 
 
-def accumulate(
-    sums: dict[str, list[mi.Float]], sample: dict[str, list[mi.Float]], sample_count: int
-) -> None:
-    """Add a sample of each pixel to the picture."""
+def accumulate(sums: Channels, sample: Channels, sample_count: int) -> Channels:
+    """Return the picture with a sample of each pixel added."""
+    added = dict(sums)
     for name, channels in sample.items():
         shares = [mi.Float(channel) / sample_count for channel in channels]
         held = sums.get(name)
-        sums[name] = shares if held is None else [a + b for a, b in zip(held, shares, strict=True)]
-    sums.update(evaluated(sums))
+        added[name] = shares if held is None else [a + b for a, b in zip(held, shares, strict=True)]
+    return evaluated(added)
 
 
-def tensors(channels: dict[str, list[mi.Float]], width: int, height: int) -> dict[str, mi.TensorXf]:
-    """Return pictures, each of one or three channels side by side."""
+def interleaved(channels: Channels) -> dict[str, mi.Float]:
+    """Return pictures with the channels of each pixel side by side."""
     flats = {
         name: planes[0] if len(planes) == 1 else mi.Float(dr.ravel(mi.Color3f(*planes)))
         for name, planes in channels.items()
     }
     # All in one launch, which a tensor of its own would end.
     dr.eval(flats)
+    return flats
+
+
+def tensors(flats: dict[str, mi.Float], width: int, height: int) -> dict[str, mi.TensorXf]:
+    """Return pictures, each of one or three channels."""
     return {
-        name: mi.TensorXf(flat, (height, width, len(channels[name])))
+        name: mi.TensorXf(flat, (height, width, dr.width(flat) // (width * height)))
         for name, flat in flats.items()
     }

@@ -13,14 +13,9 @@ from dataclasses import dataclass, field, replace
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.bounce_pipeline import light_by_cones
-from vctgi.clipmap.regions import count_voxels, own_regions
-from vctgi.clipmap.storage import (
-    EmittanceClipmap,
-    OpacityClipmap,
-    VoxelVolume,
-    pack_volume,
-)
+from vctgi.clipmap.levels import ClipmapLayout
+from vctgi.clipmap.regions import Region, count_voxels, own_regions
+from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
 from vctgi.frame_pipeline import Frame as Frame
@@ -28,31 +23,30 @@ from vctgi.frame_pipeline import FrameTally as FrameTally
 from vctgi.frame_pipeline import gather_ambient as gather_ambient
 from vctgi.frame_pipeline import gather_light as gather_light
 from vctgi.frame_pipeline import render_frame as render_frame
+from vctgi.light_pipeline import LitVolume as LitVolume
+from vctgi.light_pipeline import light_voxels
 from vctgi.parameters import ConeParameters
-from vctgi.plan import Plan, SceneParts, plan_render
+from vctgi.plan import SceneParts, plan_render
 from vctgi.prepared import PreparedScene as PreparedScene
 from vctgi.prepared import StageClock as StageClock
 from vctgi.prepared import no_clock as no_clock
 from vctgi.scene.constants import is_opaque_mask
 from vctgi.scene.derivatives import check_derivatives
-from vctgi.scene.emissive import list_emissive_surfaces
 from vctgi.scene.light_checks import check_lights
 from vctgi.scene.lights import list_lights
 from vctgi.scene.lobe_kinds import list_lobe_kinds
 from vctgi.scene.materials import describe_material
+from vctgi.scene.reflectance import list_plain_bsdfs
 from vctgi.scene.sky import black_sky, prefilter_sky
 from vctgi.scene.surfaces import VoxelSurfaces, select_surfaces
 from vctgi.scene.triangles import extract_triangles
-from vctgi.stages.downsampling import downsample
-from vctgi.stages.light_injection import inject_light
-from vctgi.stages.outgoing_radiance import with_radiance
 from vctgi.stages.reconstruction.temporal import TemporalFrame as TemporalFrame
 from vctgi.stages.reconstruction.temporal import accumulate, project
-from vctgi.stages.reflective_shadow_map import render_reflective_shadow_maps
-from vctgi.stages.voxelization.emittance import voxelize_emission
+from vctgi.stages.reflective_shadow_map import KeptLight
 from vctgi.stages.voxelization.opacity import voxelize_triangles
 from vctgi.stages.voxelization.triangles import DeviceTriangles, upload_triangles
 from vctgi.stages.voxelization.update import changed_bounds, update_opacity
+from vctgi.trace_cache import TraceCache
 
 
 @dataclass
@@ -67,39 +61,15 @@ class SceneVoxels:
         Opacity at each clip level's own resolution.
     filled_count
         Voxels that the last call filled anew.
+    light
+        Light from outside that `light_volume` found on them.
     """
 
     surfaces: VoxelSurfaces
     triangles: DeviceTriangles
     opacity: OpacityClipmap
     filled_count: int
-
-
-@dataclass
-class LitVolume:
-    """Lit voxels, with what was lost on the way.
-
-    Attributes
-    ----------
-    volume
-        Opacity and emittance.
-    lost_flux_share
-        Share of the reflected flux that found no opacity, for each clip level.
-    texel_count
-        Lit points of all reflective shadow maps.
-    bounce_fluxes
-        Flux that the voxels emit after each scattering, W; empty where light goes straight from
-        the injection to the eye.
-    left_out_radiance
-        Bound on the radiance that further scatterings would add to any voxel, W m^-2 sr^-1, where
-        they stopped because the last one added little.
-    """
-
-    volume: VoxelVolume
-    lost_flux_share: list[float]
-    texel_count: int
-    bounce_fluxes: list[float] = field(default_factory=list)
-    left_out_radiance: float = 0.0
+    light: KeptLight = field(default_factory=KeptLight)
 
 
 def prepare_scene(
@@ -118,7 +88,7 @@ def prepare_scene(
         is_cut = config.emission_in_voxels or config.sky_in_cones or config.sky_lighting == "cones"
         is_ambient = config.mode == "ambient"
         is_tangled = not is_ambient and (is_cut or config.bounce_count > 0)
-        check_derivatives(
+        has_derivatives = check_derivatives(
             scene,
             ("radiance",) if is_cut else (),
             can_shapes_move=config.voxelization.coverage == "analytic" and not is_tangled,
@@ -147,7 +117,18 @@ def prepare_scene(
             if environment is not None:
                 sky = prefilter_sky(environment, config.sky)
     kinds = list_lobe_kinds(triangles.bsdfs) if plan.has_specular else None
-    return PreparedScene(scene, sensor, triangles, materials, surfaces, plan, sky, kinds)
+    return PreparedScene(
+        scene=scene,
+        sensor=sensor,
+        triangles=triangles,
+        materials=materials,
+        surfaces=surfaces,
+        plan=plan,
+        plain_bsdfs=list_plain_bsdfs(triangles.bsdfs),
+        sky=sky,
+        lobe_kinds=kinds,
+        has_derivatives=has_derivatives,
+    )
 
 
 def voxelize_scene(
@@ -213,11 +194,29 @@ def update_voxels(
     with clock("opacity voxelization"):
         changed = changed_bounds(voxels.surfaces, prepared.surfaces)
         triangles = _upload(prepared, config) if changed else voxels.triangles
+        before = voxels.opacity.layout
         opacity, stale = update_opacity(
             voxels.opacity, triangles, prepared.plan.layout, changed, config.voxelization
         )
+    voxels.light.forget_levels(_changed_levels(before, prepared.plan.layout, stale))
     filled = count_voxels(box for boxes in stale for box in boxes)
-    return SceneVoxels(prepared.surfaces, triangles, opacity, filled)
+    return SceneVoxels(prepared.surfaces, triangles, opacity, filled, voxels.light)
+
+
+def _changed_levels(
+    before: ClipmapLayout, after: ClipmapLayout, stale: list[list[Region]]
+) -> list[int]:
+    """Return clip levels whose window or voxels are not what they were."""
+    moved = [
+        old.origin != new.origin
+        for old, new in zip(before.clip_levels, after.clip_levels, strict=True)
+    ]
+    # What a finer window covers is not filled.
+    return [
+        number
+        for number, is_moved in enumerate(moved)
+        if is_moved or stale[number] or (number > 0 and moved[number - 1])
+    ]
 
 
 def light_volume(
@@ -226,6 +225,7 @@ def light_volume(
     clock: StageClock = no_clock,
     voxels: SceneVoxels | None = None,
     parameters: ConeParameters | None = None,
+    cache: TraceCache | None = None,
 ) -> LitVolume:
     """Light the voxels of a scene, which are made first if they are not given.
 
@@ -241,64 +241,28 @@ def light_volume(
         What `voxelize_scene` or `update_voxels` returned; None: made here.
     parameters
         Values that go before the numbers of `config`, for derivatives; None: those numbers.
+    cache
+        Kept by the caller for the next frame, as for `render_frame`, and not for derivatives.
 
     Raises
     ------
     ValueError
-        Parameters out of their bounds.
+        Parameters out of their bounds; a cache with parameters or derivatives.
     """
-    plan = prepared.plan
+    if cache is not None:
+        if parameters is not None or prepared.has_derivatives:
+            raise ValueError(
+                "light_volume: voxels that have derivatives are lit anew each time; leave out "
+                "`cache`."
+            )
+        cache.hold(prepared.scene)
     if parameters is not None:
         parameters.check_bounds()
+    kept = None if voxels is None else voxels.light
     if voxels is None:
         voxels = voxelize_scene(prepared, config, clock, parameters)
-    opacity = voxels.opacity
-    if not plan.is_lit:
-        with clock("downsampling"):
-            merged, _ = downsample(opacity, None, config.downsampling)
-            dark = [dr.zeros(mi.Color3f, dr.width(level)) for level in merged.levels]
-            nothing = EmittanceClipmap(merged.layout, dark, [0.0] * plan.layout.clip_level_count)
-            return LitVolume(_pack(merged, nothing, plan, config), [], 0)
-    with clock("reflective shadow maps"):
-        maps = render_reflective_shadow_maps(
-            prepared.scene, list(plan.lights), plan.layout, config.reflective_shadow_map, opacity
-        )
-    if config.injection.needs_radiance:
-        with clock("radiance of lit points"):
-            maps = with_radiance(prepared.scene, maps)
-    with clock("light injection"):
-        scale = None if parameters is None else parameters.get("prefilter_scale")
-        emittance = inject_light(maps, opacity, config.injection, scale)
-    fluxes: list[float] = []
-    left_out = 0.0
-    if plan.bounce_count > 0 or plan.has_sky_by_cones:
-        bounced = light_by_cones(prepared, voxels.surfaces, opacity, emittance, config, clock)
-        emittance, fluxes, left_out = bounced.emittance, bounced.fluxes, bounced.left_out
-    if plan.has_emission:
-        with clock("emittance voxelization"):
-            opacity, emitted = voxelize_emission(list_emissive_surfaces(prepared.scene), opacity)
-            both = zip(emittance.levels, emitted.levels, strict=True)
-            emittance = replace(emittance, levels=[light + own for light, own in both])
-    with clock("downsampling"):
-        merged, lit = downsample(opacity, emittance, config.downsampling)
-        assert lit is not None, "downsampling keeps the emittance it is given"
-        volume = _pack(merged, lit, plan, config)
-    return LitVolume(
-        volume, lit.lost_flux_share, sum(m.texel_count for m in maps), fluxes, left_out
-    )
-
-
-def _pack(
-    opacity: OpacityClipmap, emittance: EmittanceClipmap, plan: Plan, config: RenderConfig
-) -> VoxelVolume:
-    """Store what the plan keeps of the voxels."""
-    return pack_volume(
-        opacity,
-        emittance,
-        config.storage,
-        plan.directions,
-        keeps_empty=config.is_kept("levels"),
-    )
+    both = (voxels.surfaces, voxels.opacity)
+    return light_voxels(prepared, config, clock, both, parameters, kept, cache)
 
 
 def accumulate_frame(

@@ -39,10 +39,14 @@ class PreparedScene:
         Geometry, what its BSDFs contribute, and the sides that are voxelized.
     plan
         What is run and what is left out.
+    plain_bsdfs
+        Which BSDFs reflect a texture evenly and do nothing else.
     sky
         The environment for cones, if any of them see it.
     lobe_kinds
         Which BSDFs have their lobes' cones in a table, if any has.
+    has_derivatives
+        Whether any parameter of the scene has.
     """
 
     scene: mi.Scene
@@ -51,5 +55,7 @@ class PreparedScene:
     materials: list[Material]
     surfaces: VoxelSurfaces
     plan: Plan
+    plain_bsdfs: mi.UInt32
     sky: PrefilteredSky | None = None
     lobe_kinds: mi.UInt32 | None = None
+    has_derivatives: bool = False

@@ -7,7 +7,9 @@ frame is an input of what is recorded, or part of the key that it is found by.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+import gc
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -47,11 +49,15 @@ class TraceCache:
         kept = (each for each in self._frozen.values() if each is not None)
         return sum(int(each.frozen.n_recordings) for each in kept)
 
+    def hold(self, scene: mi.Scene) -> None:
+        """Keep what frames of a scene trace; another than before empties the cache."""
+        if self._scene is not scene:
+            self.clear()
+            self._scene = scene
+
     def key_of(self, prepared: PreparedScene, config: RenderConfig) -> Hashable:
         """Return what frames have to share to be traced alike; another scene empties the cache."""
-        if self._scene is not prepared.scene:
-            self.clear()
-            self._scene = prepared.scene
+        self.hold(prepared.scene)
         plan, sensor = prepared.plan, prepared.sensor
         size = tuple(int(n) for n in sensor.film().crop_size())
         shutter = float(sensor.shutter_open()), float(sensor.shutter_open_time())
@@ -84,20 +90,33 @@ class TraceCache:
         if recorded is None:
             recorded = _Recorded(function, kept_tables())
             self._frozen[key] = recorded
-        try:
-            found: Found = recorded.frozen(recorded.tables, *inputs)
-        except RuntimeError as error:
-            if OTHER_OBJECTS not in str(error):
-                raise
-            # Objects of any scene came or went, which a recording counts.
-            recorded = _Recorded(function, kept_tables())
-            self._frozen[key] = recorded
-            found = recorded.frozen(recorded.tables, *inputs)
+        with _no_collection():
+            try:
+                found: Found = recorded.frozen(recorded.tables, *inputs)
+            except RuntimeError as error:
+                if OTHER_OBJECTS not in str(error):
+                    raise
+                # Objects of any scene came or went, which a recording counts.
+                recorded = _Recorded(function, kept_tables())
+                self._frozen[key] = recorded
+                found = recorded.frozen(recorded.tables, *inputs)
         return found
 
 
 OTHER_OBJECTS = "number of registry entries"
 """What Dr.Jit says where Mitsuba has more or fewer objects than there were at the recording."""
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Keep Python from collecting garbage: no array of NumPy's may go while Dr.Jit records."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
 
 
 class _Recorded:

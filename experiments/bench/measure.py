@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
-import drjit as dr
 import numpy as np
 
 import vctgi
@@ -15,6 +14,7 @@ from experiments.bench.floors import Sizes, floor_ms, least_bytes, own_voxels
 from experiments.bench.kernels import APPLICATION, STAGES, KernelClock, Work
 from experiments.bench.reads import counting, measure_rates
 from experiments.bench.walks import KINDS, STILL, Walk, WalkedFrame
+from experiments.bench.wall import WallTimes, wall_times
 from experiments.clocks import MOST_FRAMES, WARM_FRAMES
 from experiments.scenes import LoadedScene
 from reports.bench_record import (
@@ -43,9 +43,6 @@ GTexel/s) to an H200, and our goal there."""
 
 COUNTED_FRAME: Final = 2
 """Of a walk, whose launches are counted: the first after which the finest window has moved."""
-
-WALL_FRAMES: Final = 8
-"""Frames at most that nothing watches, for the wall time."""
 
 Progress = Callable[[str, float], None]
 """Told what is being done, and the share of it that is done."""
@@ -162,10 +159,10 @@ def _bench_walk(
     if options.frames > 0:
         _warm_up(watched)
     counted, made = _counted(walk, watched)
-    walls, works = [0.0], [counted]
+    wall, works = WallTimes(0.0, 0.0, 0.0), [counted]
     if options.frames > 0:
-        walls = _wall_times(walk, options.seconds)
         works = _timed(watched, options, progress)
+        wall = wall_times(walk, options.seconds)
     walk.put_back()
     sizes = _sizes(walk, made)
     least = least_bytes(walk.kind, sizes, walk.config)
@@ -193,16 +190,15 @@ def _bench_walk(
         sum(each.device for stage, each in work.items() if stage != APPLICATION) for work in works
     ]
     application = [work.get(APPLICATION, Work()).device for work in works]
-    wall = 1e3 * float(np.median(walls))
-    device = 1e3 * float(np.median(np.array(times) + np.array(application)))
     return FrameResult(
         kind=walk.kind,
         frame_count=len(works),
         device_ms=_spread(times),
         worst_frame=int(np.argmax(times)),
         application_ms=1e3 * float(np.median(application)),
-        wall_ms=wall,
-        host_ms=max(wall - device, 0.0),
+        wall_ms=1e3 * wall.frame,
+        host_ms=1e3 * max(wall.frame - wall.device, 0.0),
+        loop_ms=1e3 * wall.loop,
         compiled=sum(each.compiled for work in works for each in work.values()),
         stages=stages,
     )
@@ -238,23 +234,6 @@ def _counted(walk: Walk, watched: Watched) -> tuple[dict[str, Work], WalkedFrame
     """Return work and frame of `COUNTED_FRAME`, reached from the first one in one step."""
     walk.frame(0)
     return watched(COUNTED_FRAME)
-
-
-def _wall_times(walk: Walk, seconds: float) -> list[float]:
-    """Wall times of frames that nothing watches, of an empty queue.
-
-    They are frames that no earlier one was like: what is compiled for each frame anew shows.
-    """
-    times: list[float] = []
-    for number in range(MOST_FRAMES, MOST_FRAMES + WALL_FRAMES):
-        dr.sync_thread()
-        start = time.perf_counter()
-        walk.frame(number)
-        dr.sync_thread()
-        times.append(time.perf_counter() - start)
-        if sum(times) > seconds:
-            break
-    return times
 
 
 def _sizes(walk: Walk, made: WalkedFrame) -> Sizes:

@@ -60,7 +60,9 @@ def _frame_lines(frames: FrameResult) -> Iterator[str]:
     yield (
         f"  {frames.kind}: {times.median:.3f} ms [{times.low:.3f}, {times.high:.3f}], worst "
         f"{times.worst:.3f} (frame {frames.worst_frame} of {frames.frame_count}); host "
-        f"{frames.host_ms:.1f}, wall {frames.wall_ms:.1f}, not counted {frames.application_ms:.2f};"
+        f"{frames.host_ms:.1f}, wall {frames.wall_ms:.1f}, "
+        f"{'' if frames.loop_ms is None else f'in a loop {frames.loop_ms:.1f}, '}"
+        f"not counted {frames.application_ms:.2f};"
         f" {frames.compiled} kernels compiled"
     )
     yield HEAD

@@ -20,8 +20,9 @@ from vctgi.clipmap.levels import move_clipmap
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.config import RenderConfig
 from vctgi.frame_pipeline import FrameTally
-from vctgi.pipeline import Frame, PreparedScene, update_voxels, voxelize_scene
+from vctgi.pipeline import Frame, LitVolume, PreparedScene, update_voxels, voxelize_scene
 from vctgi.prepared import StageClock, no_clock
+from vctgi.trace_cache import TraceCache
 
 STILL, CAMERA, LIGHTS = "still", "moving camera", "moving light"
 """Kinds of frames."""
@@ -48,14 +49,19 @@ class WalkedFrame:
         Picture and voxels.
     filled_count
         Voxels that were filled with surfaces anew.
-    texel_count
-        Points of light maps.
+    lit
+        What the light of this frame was, None where it is an earlier one's.
     """
 
     frame: Frame
     volume: VoxelVolume
     filled_count: int
-    texel_count: int
+    lit: LitVolume | None
+
+    @property
+    def texel_count(self) -> int:
+        """Points of light maps, for which the host waits."""
+        return 0 if self.lit is None else self.lit.texel_count
 
 
 class Walk:
@@ -69,10 +75,19 @@ class Walk:
         How it is rendered.
     kind
         One of `KINDS`.
+    cache
+        Where what frames trace is recorded; None: nowhere.
     """
 
-    def __init__(self, prepared: PreparedScene, config: RenderConfig, kind: str) -> None:
-        self.prepared, self.config, self.kind = prepared, config, kind
+    def __init__(
+        self,
+        prepared: PreparedScene,
+        config: RenderConfig,
+        kind: str,
+        cache: TraceCache | None = None,
+    ) -> None:
+        self.prepared, self.config, self.kind, self.cache = prepared, config, kind, cache
+        self._moved = prepared
         self._voxels = voxelize_scene(prepared, config)
         self._lit = vctgi.light_volume(prepared, config, voxels=self._voxels)
         self._view = _matrix(prepared.sensor)
@@ -85,20 +100,32 @@ class Walk:
 
     def frame(self, number: int, clock: StageClock = no_clock) -> WalkedFrame:
         """Render a frame; numbers must come in order, but may start again at 0."""
-        prepared, filled, texels = self.prepared, 0, 0
+        with clock(CHANGE):
+            self.change(number)
+        return self.render(number, clock)
+
+    def change(self, number: int) -> None:
+        """Do what an application does before it asks for a frame: move camera or lights."""
         if self.kind == CAMERA:
-            with clock(CHANGE):
-                prepared = self._step(number)
+            self._moved = self._step(number)
+        if self.kind == LIGHTS:
+            self._move_lights(number)
+
+    def render(self, number: int, clock: StageClock = no_clock) -> WalkedFrame:
+        """Render the frame of the last `change`."""
+        prepared, filled = self._moved, 0
+        if self.kind == CAMERA:
             self._voxels = update_voxels(self._voxels, prepared, self.config, clock)
             filled = self._voxels.filled_count
-        if self.kind == LIGHTS:
-            with clock(CHANGE):
-                self._move_lights(number)
         if self.kind != STILL:
-            self._lit = vctgi.light_volume(prepared, self.config, clock, self._voxels)
-            texels = self._lit.texel_count
-        frame = vctgi.render_frame(prepared, self.volume, self.config, clock, seed=number)
-        return WalkedFrame(frame, self.volume, filled, texels)
+            self._lit = vctgi.light_volume(
+                prepared, self.config, clock, self._voxels, cache=self.cache
+            )
+        frame = vctgi.render_frame(
+            prepared, self.volume, self.config, clock, seed=number, cache=self.cache
+        )
+        lit = None if self.kind == STILL else self._lit
+        return WalkedFrame(frame, self.volume, filled, lit)
 
     def count(self, volume: VoxelVolume, clock: StageClock) -> FrameTally:
         """Render the still frame of number 0 from a volume that counts its reads."""

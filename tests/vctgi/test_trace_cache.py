@@ -40,6 +40,10 @@ def furnished_room(size: int = 16) -> mi.Scene:
     )
 
 
+CEILING = "wall4"
+"""Of a room, left out to let the sun in."""
+
+
 def small(name: str) -> RenderConfig:
     config = preset(name)
     clipmap = replace(config.clipmap, resolution=16, level_count=2)
@@ -105,6 +109,51 @@ def test_moved_surfaces_are_not_stale() -> None:
     prepared, lit = lit_scene(scene, config)
     found = render_frame(prepared, lit.volume, config, seed=5, cache=cache)
     assert_same(found, render_frame(prepared, lit.volume, config, seed=5))
+
+
+def test_lit_voxels_equal_those_without_a_cache() -> None:
+    cache, config = TraceCache(), small("medium")
+    sun = {
+        "type": "directional",
+        "direction": [0.3, -1.0, 0.2],
+        "irradiance": {"type": "rgb", "value": 3.0},
+    }
+    walls = {name: each for name, each in room().items() if name != CEILING}
+    lamp = {"type": "sphere", "center": [0.3, 0.5, -0.2], "radius": 0.2, "emitter": area_light(4.0)}
+    scene = load(
+        sensor=camera([0.5, 0.2, 0.9], [0.0, -0.2, 0.0], size=8), sun=sun, lamp=lamp, **walls
+    )
+    prepared = prepare_scene(scene, scene.sensors()[0], config)
+    layout = prepared.plan.layout
+    x, y, z = layout.centre
+    for step in range(5):
+        moved = move_clipmap(layout, (x + 2.0 * step * layout.finest_voxel_size, y, z))
+        here = replace(prepared, plan=replace(prepared.plan, layout=moved))
+        if step > 2:
+            values = mi.traverse(prepared.plan.lights[0].emitter)
+            values["to_world"] = values["to_world"] @ mi.Transform4f().rotate([1.0, 0.0, 0.0], 5.0)
+            values.update()
+        found, expected = (light_volume(here, config, cache=kept) for kept in (cache, None))
+        np.testing.assert_array_equal(
+            np.array(found.volume.texels.words),  # type: ignore[attr-defined]
+            np.array(expected.volume.texels.words),  # type: ignore[attr-defined]
+        )
+        assert found.lost_flux_share == expected.lost_flux_share
+        assert found.texel_count == expected.texel_count > 0
+    # Pilot and rays of the sun, and rays of the lamp; once more each where it moves first.
+    assert 0 < cache.recording_count <= 6
+    with pytest.raises(ValueError, match="leave out `cache`"):
+        light_volume(prepared, config, parameters=ConeParameters.from_config(config), cache=cache)
+    values = mi.traverse(scene)
+    name = next(key for key, _ in values if key.endswith("reflectance.value"))
+    dr.enable_grad(values[name])
+    values.update()
+    prepared = prepare_scene(scene, scene.sensors()[0], config)
+    with pytest.raises(ValueError, match="leave out `cache`"):
+        light_volume(prepared, config, cache=cache)
+    # Scenes share the object of equal parts.
+    dr.disable_grad(values[name])
+    values.update()
 
 
 def test_another_scene_or_configuration_is_not_mixed_up() -> None:

@@ -15,6 +15,7 @@ import mitsuba as mi
 
 from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
 from vctgi.clipmap.regions import Region
+from vctgi.maths.number_rows import FloatRow
 
 
 @dataclass
@@ -58,15 +59,14 @@ def level_table(
     for level, empty in zip(layout.levels, is_empty or [False] * len(layout.levels), strict=True):
         rows += [0, 0, 0, 0] if empty else [*level.origin, level.resolution.bit_length() - 1]
     box = layout.coarsest
+    row = FloatRow([*layout.centre, *box.window_min, *box.window_max])
+    points = [mi.Point3f(*(row[3 * place + axis] for axis in range(3))) for place in range(3)]
+    dr.eval(points)
     return LevelTable(
         mi.Int32(rows),
         mi.UInt32(list(layout.voxel_offsets if offsets is None else offsets)),
-        *(_opaque_point(point) for point in (layout.centre, box.window_min, box.window_max)),
+        *points,
     )
-
-
-def _opaque_point(point: tuple[float, float, float]) -> mi.Point3f:
-    return mi.Point3f(*(dr.opaque(mi.Float, each) for each in point))
 
 
 def voxel_of_place(place: mi.UInt32, regions: Sequence[Region]) -> mi.Vector3i:

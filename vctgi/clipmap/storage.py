@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import drjit as dr
@@ -98,6 +100,14 @@ class EmittanceClipmap:
     levels: list[mi.Color3f]
     lost_flux_share: list[float]
     steps_per_unit: list[tuple[float, float]] = field(default_factory=list)
+
+    def read(self, level: int, index: mi.UInt32, active: mi.Bool) -> mi.Color3f:
+        """Return emittance of slots of a level."""
+        return dr.gather(mi.Color3f, self.levels[level], index, active)
+
+    def emittance(self) -> EmittanceClipmap:
+        """Return it as it is: all slots are known."""
+        return self
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,7 +234,7 @@ def pack_volume(
             'StorageConfig.format "texture16" needs the texture units of a GPU, and the variant '
             f'is {mi.variant()}: set a CUDA variant, or use the format "float16".'
         )
-    is_empty = [empty and not keeps_empty for empty in _empty_levels(opacity)]
+    is_empty = [empty and not keeps_empty for empty in empty_levels(opacity.levels)]
     stored = directions or directions_of(config.direction_count)
     # Single precision holds whatever the stages wrote, so it is not searched for what it cannot.
     scale = None if config.format == "float32" else _find_scale(opacity, emittance, config)
@@ -240,7 +250,7 @@ def pack_volume(
             texels.emittance = texels.emittance * (1.0 / scale)
         return texels
 
-    offsets = _stored_offsets(layout, is_empty)
+    offsets = stored_offsets(layout, is_empty)
     table = level_table(layout, is_empty, offsets[:-1])
     levels = list(layout.levels)
     if is_texture:
@@ -306,16 +316,16 @@ def _find_scale(
     return config.scale
 
 
-def _empty_levels(opacity: OpacityClipmap) -> list[bool]:
-    """Return which levels have no opacity at all."""
+def empty_levels(levels: Sequence[mi.Float]) -> list[bool]:
+    """Return which levels of opacities are 0 all over."""
     # Opacities are 0 or more, so the largest tells; all levels answer at once.
-    largest = [dr.max(dr.detach(level)) for level in opacity.levels]
+    largest = [dr.max(dr.detach(level)) for level in levels]
     dr.eval(largest)
-    held = dr.concat(largest)
-    return [not largest > 0.0 for largest in np.array(held)]
+    held = largest[0] if len(largest) == 1 else dr.concat(largest)
+    return [not value > 0.0 for value in np.array(held)]
 
 
-def _stored_offsets(layout: ClipmapLayout, is_empty: list[bool]) -> list[int]:
+def stored_offsets(layout: ClipmapLayout, is_empty: list[bool]) -> list[int]:
     """Voxels stored before each level, and of all levels; a level without opacity is one voxel."""
     offsets = [0]
     for level, empty in zip(layout.levels, is_empty, strict=True):

@@ -48,8 +48,8 @@ def has_derivatives(name: str) -> bool:
 
 def check_derivatives(
     scene: mi.Scene, cut: tuple[str, ...] = (), *, can_shapes_move: bool = False
-) -> None:
-    """Refuse derivatives that would be cut.
+) -> bool:
+    """Refuse derivatives that would be cut; return whether there are others.
 
     Parameters
     ----------
@@ -67,11 +67,9 @@ def check_derivatives(
     """
     parameters: Any = mi.traverse(scene)
     moving = moving_names(scene, can_shapes_move=can_shapes_move)
-    for name in list(parameters.keys()):
-        value = parameters[name]
-        if not dr.grad_enabled(value) or name in moving:
-            continue
-        if not (has_derivatives(name) and _is_whole(name, cut)):
+    live = [name for name in list(parameters.keys()) if dr.grad_enabled(parameters[name])]
+    for name in live:
+        if name not in moving and not (has_derivatives(name) and _is_whole(name, cut)):
             raise SceneError(
                 "no derivative",
                 f"the parameter '{name}'",
@@ -79,6 +77,7 @@ def check_derivatives(
                 'see; shapes but with coverage="analytic" and one bounce; vertices of lamps, which '
                 "can be moved by their to_world",
             )
+    return bool(live)
 
 
 def moving_names(scene: mi.Scene, *, can_shapes_move: bool) -> set[str]:
@@ -126,12 +125,24 @@ def _is_whole(name: str, cut: tuple[str, ...]) -> bool:
 def has_moving_parts(emitter: mi.Emitter) -> bool:
     """Whether an emitter, or the shape that it belongs to, has derivatives by where it is."""
     shape = emitter.get_shape()
-    return _has_moving(emitter) or (shape is not None and _has_moving(shape))
+    return _has_moving(emitter) or (shape is not None and _is_moving(shape))
 
 
 def has_moving_shapes(scene: mi.Scene) -> bool:
     """Whether any shape has derivatives by where it is."""
-    return any(_has_moving(shape) for shape in scene.shapes())
+    return any(_is_moving(shape) for shape in scene.shapes())
+
+
+def _is_moving(shape: mi.Shape) -> bool:
+    """Whether a shape has derivatives by where it is.
+
+    Asked in every frame, so without a list of parameters where that is not needed.
+    """
+    if not isinstance(shape, mi.Mesh):
+        is_known = shape.class_name() in MOVING_SHAPES
+        return shape.parameters_grad_enabled() if is_known else _has_moving(shape)
+    # By corners, or a matrix; what only bends the shading is not among them.
+    return bool(shape.parameters_grad_enabled() or dr.grad_enabled(shape.vertex_normals_buffer()))
 
 
 def _has_moving(part: mi.Object) -> bool:

@@ -20,8 +20,13 @@ def half_extent(scene: mi.Scene, window: float = math.inf) -> mi.Float:
         Edge of the part of it that is shown, if that is less: a ground a million times as large
         must not push rays out of a room.
     """
+    return dr.opaque(mi.Float, half_extent_number(scene, window))
+
+
+def half_extent_number(scene: mi.Scene, window: float = math.inf) -> float:
+    """Return `half_extent` as a number of the host."""
     low, high = scene_bounds(scene)
-    return dr.opaque(mi.Float, 0.5 * min(float(np.max(high - low)), window))
+    return 0.5 * min(float(np.max(high - low)), window)
 
 
 def longest_edge(scene: mi.Scene) -> float:
@@ -36,18 +41,18 @@ def scene_bounds(scene: mi.Scene) -> tuple[np.ndarray, np.ndarray]:
     Mitsuba 3.9 gives a mesh that it merged of several rectangles no bounds, and so none to a scene
     of nothing else; those of its vertices take their place.
     """
-    corners = [_bounds_of(shape) for shape in scene.shapes()]
-    if not corners:
+    # One box in Mitsuba's memory: an array of each shape's corners takes a hundred times as long.
+    whole = mi.ScalarBoundingBox3f()
+    for shape in scene.shapes():
+        box = shape.bbox()
+        if box.valid():
+            whole.expand(box)
+        elif isinstance(shape, mi.Mesh):
+            places = np.array(mi.traverse(shape)["vertex_positions"]).reshape(-1, 3)
+            for corner in (places.min(axis=0), places.max(axis=0)):
+                whole.expand(mi.ScalarPoint3f(corner.tolist()))
+    if not whole.valid():
         nothing = np.zeros(3)
         return nothing, nothing
-    low, high = (np.array(each) for each in zip(*corners, strict=True))
-    return low.min(axis=0), high.max(axis=0)
-
-
-def _bounds_of(shape: mi.Shape) -> tuple[np.ndarray, np.ndarray]:
-    box = shape.bbox()
-    if box.valid() or not isinstance(shape, mi.Mesh):
-        low, high = (np.array(end, dtype=np.float64).ravel() for end in (box.min, box.max))
-        return low, high
-    places = np.array(mi.traverse(shape)["vertex_positions"], dtype=np.float64).reshape(-1, 3)
-    return places.min(axis=0), places.max(axis=0)
+    low, high = (np.array(end, dtype=np.float64).ravel() for end in (whole.min, whole.max))
+    return low, high

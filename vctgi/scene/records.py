@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 
 @dataclass
@@ -47,6 +49,95 @@ class ReflectiveShadowMap:
     def texel_count(self) -> int:
         """Texels that hit something."""
         return int(dr.width(self.position))
+
+
+@dataclass
+class LightTexels:
+    """Rays of light and what they lit, those that lit nothing among them, in the order of sending.
+
+    Attributes
+    ----------
+    position
+        World points.
+    normal
+        Unit geometric normals on the lit side.
+    reflected_flux
+        Power that leaves again by reflection, W; 0 where nothing was lit.
+    is_lit
+        Whether a ray lit a surface.
+    largest
+        Largest channel of the reflected flux, W; NaN where the light's power is none.
+    level
+        Clip level that each is meant for; None: all serve all of them.
+    total
+        Sum of `largest`, one lane; None where nobody has asked for it yet.
+    """
+
+    position: mi.Point3f
+    normal: mi.Vector3f
+    reflected_flux: mi.Color3f
+    is_lit: mi.Bool
+    largest: mi.Float
+    level: mi.UInt32 | None
+    total: mi.Float | None = None
+
+    def sum(self) -> mi.Float:
+        """Return the total, which is kept for the next who asks."""
+        if self.total is None:
+            self.total = mi.Float(dr.sum(self.largest))
+        return self.total
+
+
+@dataclass
+class CountedLight:
+    """What became of traced light.
+
+    Attributes
+    ----------
+    lost_flux_share
+        Share of the reflected flux that found no opacity, for each clip level.
+    texel_count
+        Lit points.
+    """
+
+    lost_flux_share: list[float]
+    texel_count: int
+
+
+@dataclass
+class FallenLight:
+    """The same where it is, on the device: counted when it is asked for.
+
+    Attributes
+    ----------
+    level_count
+        Clip levels.
+    parts
+        Of each light or group of them: level, light that found opacity, and light that found none.
+    is_lit
+        Of each: which rays lit something.
+    """
+
+    level_count: int
+    parts: list[tuple[mi.UInt32, mi.Float, mi.Float]]
+    is_lit: list[mi.Bool]
+
+    @cached_property
+    def lost_flux_share(self) -> list[float]:
+        """Share of the reflected flux that found no opacity, for each clip level."""
+        both = np.zeros((2, self.level_count))
+        for numbers, *lights in self.parts:
+            level = np.array(numbers)
+            for row, light in zip(both, lights, strict=True):
+                row += np.bincount(level, np.array(light, dtype=np.float64), self.level_count)
+        return [
+            float(lost / (found + lost)) if found + lost > 0.0 else 0.0 for found, lost in both.T
+        ]
+
+    @cached_property
+    def texel_count(self) -> int:
+        """Lit points."""
+        return sum(int(np.count_nonzero(np.array(each))) for each in self.is_lit)
 
 
 @dataclass

@@ -21,7 +21,7 @@ from vctgi.pipeline import light_volume, voxelize_scene
 from vctgi.prepared import PreparedScene
 from vctgi.stages.composite import composite
 from vctgi.stages.downsampling import downsample
-from vctgi.stages.reconstruction.interpolation import interpolate, refine, trace_sparse
+from vctgi.stages.reconstruction.interpolation import interpolate, lone_rays, refine, trace_sparse
 from vctgi.stages.reconstruction.sparse_pixels import SparseGrid
 
 EXACT_STORAGE = StorageConfig()
@@ -155,7 +155,7 @@ def _render(
                 grid = SparseGrid(width=width, height=height, edge=edge, layer=number)
                 traced = trace_sparse(gbuffer, place, grid, seeded)
             near = interpolate(gbuffer, place, traced, config.reconstruction)
-            incident = refine(gbuffer, near, seeded)
+            incident = refine(gbuffer, near.light, lone_rays(near), seeded)
         total += composite(gbuffer, incident, None).diffuse
         dr.eval(total)
     picture = np.array(total, dtype=np.float64).T.reshape(height, width, 3)

@@ -81,12 +81,12 @@ class Interpolated:
     ----------
     light
         As the traced pixels have it.
-    alone
-        Numbers of the rays that found too few neighbours, and have to gather light of their own.
+    is_alone
+        Which rays found too few neighbours, and have to gather light of their own; None: none.
     """
 
     light: mi.Color3f
-    alone: mi.UInt32
+    is_alone: mi.Bool | None
 
 
 def trace_sparse(
@@ -151,27 +151,60 @@ def interpolate(
     if config.max_contrast is not None:
         # Opaque, so that all limits share one kernel.
         is_alone |= contrast > dr.opaque(mi.Float, config.max_contrast)
-    dr.eval(light)
-    alone = mi.UInt32(dr.compress(own.is_usable & is_alone))
-    return Interpolated(light, alone)
+    is_alone &= own.is_usable
+    # Together, or their neighbours would be weighed twice.
+    dr.eval(light, is_alone)
+    return Interpolated(light, mi.Bool(is_alone))
 
 
-def refine(gbuffer: GBuffer, found: Interpolated, gather: Gather) -> mi.Color3f:
+def lone_rays(found: Interpolated) -> mi.UInt32 | None:
+    """Return the numbers of the rays that have to gather light of their own, None if none has.
+
+    The host waits for it.
+    """
+    if found.is_alone is None:
+        return None
+    alone = mi.UInt32(dr.compress(found.is_alone))
+    return alone if dr.width(alone) > 0 else None
+
+
+def lanes_for(ray_count: int) -> int:
+    """Return how many lanes gather light for so many rays.
+
+    Their number differs from frame to frame, and kernels belong to a number of lanes: idle lanes
+    bring it to a power of two, so that few kernels are made.
+    """
+    return max(LEAST_LANES, 1 << (ray_count - 1).bit_length()) if ray_count > 0 else 0
+
+
+def refine(
+    gbuffer: GBuffer, light: mi.Color3f, alone: mi.UInt32 | None, gather: Gather
+) -> mi.Color3f:
     """Return the light of all rays, those without neighbours traced by themselves.
 
     Parameters
     ----------
     gbuffer
         One ray of every pixel.
-    found
+    light
         What interpolation gave them.
+    alone
+        Numbers of those without neighbours, as `lone_rays` has them.
     gather
         Gathers light.
     """
-    light = mi.Color3f(found.light)
-    if dr.width(found.alone) > 0:
-        dr.scatter(light, _gather_at(gbuffer, found.alone, gather), found.alone)
-        dr.eval(light)
+    light = mi.Color3f(light)
+    if alone is None:
+        return light
+    lane = dr.arange(mi.UInt32, lanes_for(dr.width(alone)))
+    is_real = lane < mi.UInt32(dr.opaque_width(alone))
+    ray = dr.gather(mi.UInt32, alone, lane, is_real)
+    points = dr.gather(GBuffer, gbuffer, ray, is_real)
+    points.is_valid &= is_real
+    dr.eval(points)
+    traced = dr.gather(mi.Color3f, gather(points), dr.arange(mi.UInt32, dr.width(alone)))
+    dr.scatter(light, traced, alone)
+    dr.eval(light)
     return light
 
 
@@ -250,22 +283,6 @@ def _likeness(own: _Surface, other: _Surface, widths: SurfaceWidths) -> mi.Float
     first, second, third = shares
     is_usable = own.is_usable & other.is_usable
     return mi.Float(dr.select(is_usable, first * second * third, 0.0))
-
-
-def _gather_at(gbuffer: GBuffer, index: mi.UInt32, gather: Gather) -> mi.Color3f:
-    """Gather the light of some points.
-
-    Their number differs from frame to frame, and kernels belong to a number of lanes: idle lanes
-    bring it to a power of two, so that few kernels are made.
-    """
-    count = dr.width(index)
-    padded = max(LEAST_LANES, 1 << (count - 1).bit_length())
-    lane = dr.arange(mi.UInt32, padded)
-    is_real = lane < dr.opaque(mi.UInt32, count)
-    points = dr.gather(GBuffer, gbuffer, dr.gather(mi.UInt32, index, lane, is_real), is_real)
-    points.is_valid &= is_real
-    dr.eval(points)
-    return dr.gather(mi.Color3f, gather(points), dr.arange(mi.UInt32, count))
 
 
 LEAST_LANES = 1024

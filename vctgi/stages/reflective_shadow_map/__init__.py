@@ -10,10 +10,12 @@ Start reading at `maps.py`.
 
 from __future__ import annotations
 
+from vctgi.stages.reflective_shadow_map.all_levels import trace_all_levels as trace_all_levels
 from vctgi.stages.reflective_shadow_map.config import (
     ReflectiveShadowMapConfig as ReflectiveShadowMapConfig,
 )
 from vctgi.stages.reflective_shadow_map.distant import survey_distant as survey_distant
+from vctgi.stages.reflective_shadow_map.kept import KeptLight as KeptLight
 from vctgi.stages.reflective_shadow_map.lamps import survey_lamps as survey_lamps
 from vctgi.stages.reflective_shadow_map.maps import (
     render_reflective_shadow_maps as render_reflective_shadow_maps,

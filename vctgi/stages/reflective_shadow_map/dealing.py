@@ -6,6 +6,8 @@ takes them, and equal pilots deal equal texels.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import drjit as dr
 import mitsuba as mi
 
@@ -14,7 +16,7 @@ WEIGHT_BITS = 32
 
 
 def deal(weight: mi.Float, *texel_counts: int) -> mi.UInt32:
-    """Return the texels of each cell: one, and of those left over a share as large as its weight.
+    """Deal texels to cells: one, and of those left over a share as large as the cell's weight.
 
     Parameters
     ----------
@@ -23,22 +25,41 @@ def deal(weight: mi.Float, *texel_counts: int) -> mi.UInt32:
         as many cells each stand one after the other.
     texel_counts
         Texels to deal to each grid; with fewer than cells each cell still gets its one.
+
+    Returns
+    -------
+    mi.UInt32
+        Texels of all cells of a grid up to each, with that one's.
     """
-    cell_count = dr.width(weight) // len(texel_counts)
+    return deal_spare(weight, spare_texels(dr.width(weight) // len(texel_counts), texel_counts))
+
+
+def spare_texels(cell_count: int, texel_counts: Sequence[int]) -> mi.Float64:
+    """Return the texels of grids that are left when each of their cells has one."""
+    return mi.Float64([float(max(count - cell_count, 0)) for count in texel_counts])
+
+
+def deal_spare(weight: mi.Float, spare: mi.Float64) -> mi.UInt32:
+    """Return the texels of each cell, as `deal` does, of so many to spare in each grid."""
+    cell_count = dr.width(weight) // dr.width(spare)
     cell = dr.arange(mi.UInt32, dr.width(weight))
     grid = cell // cell_count
     largest = dr.gather(mi.Float, block_max(weight, cell_count), grid)
     is_dark = largest <= 0.0
     relative = dr.select(is_dark, 1.0, weight / dr.select(is_dark, 1.0, largest))
     fixed = mi.UInt64(mi.Float64(relative) * float(1 << WEIGHT_BITS))
-    spare = mi.Float64([float(max(count - cell_count, 0)) for count in texel_counts])
     up_to = mi.UInt64(dr.block_prefix_sum(fixed, cell_count, exclusive=False))
     dr.eval(up_to)
     total = mi.Float64(dr.gather(mi.UInt64, up_to, (grid + 1) * cell_count - 1))
     share = mi.Float64(up_to) / total
     end = mi.UInt32(dr.floor(share * dr.gather(mi.Float64, spare, grid) + 0.5))
-    begin = dr.gather(mi.UInt32, end, cell - 1, cell % cell_count > 0)
-    return 1 + end - begin
+    return end + cell % cell_count + 1
+
+
+def own_texels(dealt: mi.UInt32, cell: mi.UInt32, cell_count: int) -> mi.UInt32:
+    """Return the texels of cells, of what `deal` returned for grids of so many cells."""
+    before = dr.gather(mi.UInt32, dealt, cell - 1, cell % cell_count > 0)
+    return dr.gather(mi.UInt32, dealt, cell) - before
 
 
 def block_max(value: mi.Float, block_size: int) -> mi.Float:
@@ -51,19 +72,22 @@ def dealt_count(cell_count: int, texel_count: int) -> int:
     return max(texel_count, cell_count)
 
 
-def owners(dealt: mi.UInt32, texel_count: int) -> mi.UInt32:
-    """Return the cell of each texel, all texels of the first cell before those of the second.
+def owner(dealt: mi.UInt32, grid: mi.UInt32, texel: mi.UInt32, cell_count: int) -> mi.UInt32:
+    """Return the cells of texels, all texels of the first cell before those of the second.
 
     Parameters
     ----------
     dealt
-        Texels of each cell, each at least 1.
-    texel_count
-        Their sum.
+        What `deal` returned for grids of `cell_count` cells.
+    grid, texel
+        Grid of each texel, and its number among the texels of that.
     """
-    is_first = dr.zeros(mi.UInt32, texel_count)
-    dr.scatter(is_first, 1, dr.prefix_sum(dealt))
-    return dr.cumsum(is_first) - 1
+
+    def is_before(number: mi.UInt32) -> mi.Bool:
+        return dr.gather(mi.UInt32, dealt, grid * cell_count + number) <= texel
+
+    found = dr.binary_search(0, cell_count, is_before)  # type: ignore[no-untyped-call]
+    return grid * cell_count + mi.UInt32(found)
 
 
 def smoothed(weight: mi.Float, per_axis: int, axis_count: int) -> mi.Float:
@@ -77,12 +101,21 @@ def smoothed(weight: mi.Float, per_axis: int, axis_count: int) -> mi.Float:
         Cells along each axis, and how many axes there are.
     """
     cell = dr.arange(mi.UInt32, dr.width(weight))
-    stride = 1
-    for _ in range(axis_count):
-        place = cell // stride % per_axis
-        before = cell - place * stride + (place + per_axis - 1) % per_axis * stride
-        after = cell - place * stride + (place + 1) % per_axis * stride
-        sides = dr.gather(mi.Float, weight, before) + dr.gather(mi.Float, weight, after)
-        weight = 0.5 * weight + 0.25 * sides
-        stride *= per_axis
+    for first in range(0, axis_count, 2):
+        strides = [per_axis**axis for axis in range(first, min(first + 2, axis_count))]
+        # Two axes in one launch.
+        weight = _blurred(weight, cell, per_axis, strides)
     return weight
+
+
+def _blurred(weight: mi.Float, cell: mi.UInt32, per_axis: int, strides: Sequence[int]) -> mi.Float:
+    """Return the weights of cells, blurred along the axes of these strides."""
+    if not strides:
+        return dr.gather(mi.Float, weight, cell)
+    *inner, stride = strides
+    place = cell // stride % per_axis
+    first = cell - place * stride
+    before = first + (place + per_axis - 1) % per_axis * stride
+    after = first + (place + 1) % per_axis * stride
+    own, low, high = (_blurred(weight, each, per_axis, inner) for each in (cell, before, after))
+    return 0.5 * own + 0.25 * (low + high)

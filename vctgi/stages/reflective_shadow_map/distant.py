@@ -21,9 +21,12 @@ import mitsuba as mi
 import numpy as np
 
 from vctgi.clipmap.levels import LevelLayout
+from vctgi.clipmap.slots import DEFAULT_RULE, SlotRule
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.colors import channel_mean
 from vctgi.maths.directions import kronecker_points, kronecker_points_4d, random_unit
+from vctgi.maths.number_rows import entry
+from vctgi.maths.recording import Recorder, run_recorded
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.extent import scene_bounds
 from vctgi.scene.lights import Light
@@ -31,10 +34,11 @@ from vctgi.stages.reflective_shadow_map.dealing import (
     block_max,
     deal,
     dealt_count,
-    owners,
+    own_texels,
+    owner,
     smoothed,
 )
-from vctgi.stages.reflective_shadow_map.landing import LaneWindows, is_seen
+from vctgi.stages.reflective_shadow_map.landing import LaneWindows, Windows, is_seen
 
 PILOT_RAYS_PER_CELL = 4
 """Rays by which the pilot judges a cell."""
@@ -65,12 +69,15 @@ class DistantRays:
         The window that each is meant for.
     texel
         Number of each among those of its window.
+    comes
+        Whether it comes near its window at all.
     """
 
     ray: mi.Ray3f
     flux: mi.Color3f
     windows: LaneWindows
     texel: mi.UInt32
+    comes: mi.Bool
 
 
 def distant_rays(
@@ -95,23 +102,14 @@ def distant_rays(
     limits
         Texels that should land in each; rays that may be sent for that, the pilot's aside.
     """
-    texel_count, most_rays = limits
-    cells = _Cells(scene, light, levels, texel_count)
-    weight, landing = cells.pilot(opacity)
-    dealt = deal(weight, *[texel_count] * len(levels))
-    texels = PILOT_RAYS_PER_CELL * dealt_count(cells.count, texel_count)
-    counts = []
-    for landed in np.array(dr.block_sum(landing * dealt, cells.count)):
-        wanted = math.ceil(texel_count / max(float(landed) / texels, LEAST_LANDING_SHARE))
-        counts.append(min(wanted, max(most_rays, cells.count)))
-    sent = [dealt_count(cells.count, count) for count in counts]
-    return cells.rays(deal(weight, *counts), [0, *accumulate(sent)])
+    cells = Cells(scene, light, levels, limits)
+    dealt, counts = cells.deal(scene, opacity)
+    return cells.rays(cells.windows, dealt, *lanes_of(counts))
 
 
-def _cell_means(value: mi.Float) -> mi.Float:
-    """Mean over the pilot's rays of each cell."""
-    total: mi.Float = dr.block_sum(value, PILOT_RAYS_PER_CELL)
-    return total * (1.0 / PILOT_RAYS_PER_CELL)
+def lanes_of(counts: list[int]) -> tuple[mi.UInt32, mi.Int32]:
+    """Return a lane for each of so many rays of windows, and the first lane of each window."""
+    return dr.arange(mi.UInt32, sum(counts)), mi.Int32([0, *accumulate(counts)][:-1])
 
 
 def survey_distant(light: Light) -> float:
@@ -122,21 +120,71 @@ def survey_distant(light: Light) -> float:
     return float(np.mean(np.array(mi.Color3f(irradiance), dtype=np.float64)))
 
 
-class _Cells:
+class Cells:
     """The coordinates of a distant light's rays for each window, in cells."""
 
     def __init__(
-        self, scene: mi.Scene, light: Light, levels: Sequence[LevelLayout], texel_count: int
+        self,
+        scene: mi.Scene,
+        light: Light,
+        levels: Sequence[LevelLayout],
+        limits: tuple[int, int],
     ) -> None:
-        self.scene, self.light, self.levels = scene, light, levels
+        self.light, self.limits = light, limits
+        self.levels = [level.level for level in levels]
+        self.resolution = levels[0].resolution
         self.axis_count = 2 if light.is_delta_direction else 4
-        affordable = int((texel_count / PILOT_RAYS_PER_CELL) ** (1.0 / self.axis_count) + 1e-6)
+        affordable = int((limits[0] / PILOT_RAYS_PER_CELL) ** (1.0 / self.axis_count) + 1e-6)
         self.per_axis = max(1, min(MOST_CELLS_PER_AXIS[self.axis_count], affordable))
         self.count = self.per_axis**self.axis_count
         bounds = scene_bounds(scene)
-        self.aims = mi.Float([number for level in levels for number in _aim(bounds, level)])
+        aims = [_aim(bounds, level) for level in levels]
+        farthest = max(aim[-1] for aim in aims)
+        numbers = [number for aim in aims for number in aim]
+        self.windows = Windows.of(levels, bounds, numbers, farthest)
 
-    def pilot(self, opacity: OpacityClipmap | None) -> tuple[mi.Float, mi.UInt32]:
+    @property
+    def key(self) -> tuple[int, ...]:
+        """All numbers that rays depend on besides arrays."""
+        return self.axis_count, self.per_axis, len(self.levels), self.resolution
+
+    def deal(
+        self, scene: mi.Scene, opacity: OpacityClipmap | None, recorder: Recorder | None = None
+    ) -> tuple[mi.UInt32, list[int]]:
+        """Return the rays of each cell, as `dealing.deal`, and how many each window gets."""
+        texel_count, most_rays = self.limits
+        rule = DEFAULT_RULE if opacity is None else opacity.rule
+        own = None if opacity is None else [opacity.levels[level] for level in self.levels]
+
+        def pilot(
+            scene: mi.Scene, windows: Windows, opacity: list[mi.Float] | None
+        ) -> tuple[mi.Float, mi.UInt32]:
+            return self.pilot(scene, windows, opacity, rule)
+
+        key = ("pilot", self.light.name, self.key, rule)
+        weight, landing = run_recorded(recorder, key, pilot, scene, self.windows, own)
+        least = max(most_rays, self.count)
+        counts = [least] * len(self.levels)
+        if texel_count < least:
+            # As many more as do not land.
+            dealt = own_texels(
+                deal(weight, *[texel_count] * len(self.levels)),
+                dr.arange(mi.UInt32, dr.width(weight)),
+                self.count,
+            )
+            texels = PILOT_RAYS_PER_CELL * dealt_count(self.count, texel_count)
+            for place, landed in enumerate(np.array(dr.block_sum(landing * dealt, self.count))):
+                wanted = math.ceil(texel_count / max(float(landed) / texels, LEAST_LANDING_SHARE))
+                counts[place] = min(wanted, least)
+        return deal(weight, *counts), [dealt_count(self.count, count) for count in counts]
+
+    def pilot(
+        self,
+        scene: mi.Scene,
+        table: Windows,
+        opacity: Sequence[mi.Float] | None,
+        rule: SlotRule,
+    ) -> tuple[mi.Float, mi.UInt32]:
         """Send a few rays of each cell; return its weight and how many of them land.
 
         A ray lands where it can be seen. The variance of a cell's sum goes with the mean square
@@ -144,38 +192,61 @@ class _Cells:
         """
         ray_count = self.count * PILOT_RAYS_PER_CELL
         lane = dr.arange(mi.UInt32, ray_count * len(self.levels))
-        windows = LaneWindows.of(self.levels, lane // ray_count)
+        windows = LaneWindows(table, self.resolution, lane // ray_count)
         lane %= ray_count
         inside = [random_unit(lane, axis) for axis in range(self.axis_count)]
-        ray, flux = self._at(lane // PILOT_RAYS_PER_CELL, windows.number, inside)
-        si = self.scene.ray_intersect(ray, as_mask(True))
+        ray, flux = self._at(table, lane // PILOT_RAYS_PER_CELL, windows.number, inside)
+        comes = windows.shorten(ray)
+        si = scene.ray_intersect(ray, as_mask(comes))
         power = dr.detach(channel_mean(flux))
         # A sick light is refused by name where its power is checked.
-        lands = is_seen(si, mi.Vector3f(ray.d), windows, opacity) & dr.isfinite(power)
+        lands = is_seen(si, mi.Vector3f(ray.d), windows, opacity, rule) & dr.isfinite(power)
         power = dr.zeros(mi.Float, dr.width(lane)) + mi.Float(dr.select(lands, power, 0.0))
+        dr.eval(power)
+        largest = block_max(power, ray_count)
+        cell = dr.arange(mi.UInt32, self.count * len(self.levels))
         # Over the largest first: the square of a sun's power would overflow.
-        largest = dr.gather(mi.Float, block_max(power, ray_count), windows.number)
-        power = dr.maximum(power, 0.0) / dr.select(largest > 0.0, largest, 1.0)
-        landed = dr.select(power > 0.0, mi.UInt32(1), 0)
-        landing = mi.UInt32(dr.block_sum(landed, PILOT_RAYS_PER_CELL))
-        own = dr.sqrt(_cell_means(power * power))
+        most = dr.gather(mi.Float, largest, cell // self.count)
+        squares, landing = mi.Float(0.0), mi.UInt32(0)
+        for number in range(PILOT_RAYS_PER_CELL):
+            found = dr.gather(mi.Float, power, PILOT_RAYS_PER_CELL * cell + number)
+            relative = dr.maximum(found, 0.0) / dr.select(most > 0.0, most, 1.0)
+            squares += relative * relative
+            landing += dr.select(relative > 0.0, mi.UInt32(1), 0)
+        own = dr.sqrt(squares * (1.0 / PILOT_RAYS_PER_CELL))
+        dr.eval(own, landing)
         spread = smoothed(own, self.per_axis, self.axis_count)
         return OWN_SHARE * own + (1.0 - OWN_SHARE) * spread, landing
 
-    def rays(self, dealt: mi.UInt32, starts: list[int]) -> DistantRays:
-        """Rays of so many texels for each cell; those of each window from its start to the next."""
-        cell = owners(dealt, starts[-1])
-        share = 1.0 / (self.count * mi.Float(dr.gather(mi.UInt32, dealt, cell)))
-        windows = LaneWindows.of(self.levels, cell // self.count)
-        lane = dr.arange(mi.UInt32, starts[-1])
-        lane -= dr.gather(mi.UInt32, mi.UInt32(starts), windows.number)
+    def rays(
+        self, table: Windows, dealt: mi.UInt32, lane: mi.UInt32, starts: mi.Int32
+    ) -> DistantRays:
+        """Return rays of cells, as many of each as were dealt to it.
+
+        Parameters
+        ----------
+        table
+            The windows.
+        dealt
+            What `deal` returned.
+        lane, starts
+            A lane for each ray, and the first of each window.
+        """
+        number = mi.UInt32(0)
+        for place in range(1, len(self.levels)):
+            number += dr.select(lane >= mi.UInt32(entry(starts, place)), mi.UInt32(1), 0)
+        lane -= mi.UInt32(dr.gather(mi.Int32, starts, number))
+        cell = owner(dealt, number, lane, self.count)
+        share = 1.0 / (self.count * mi.Float(own_texels(dealt, cell, self.count)))
+        windows = LaneWindows(table, self.resolution, number)
         inside = kronecker_points(lane) if self.axis_count == 2 else kronecker_points_4d(lane)
         places = [mi.Float(each) for each in inside]
-        ray, flux = self._at(cell % self.count, windows.number, places)
-        return DistantRays(ray, flux * as_component(share), windows, lane)
+        ray, flux = self._at(table, cell % self.count, number, places)
+        comes = windows.shorten(ray)
+        return DistantRays(ray, flux * as_component(share), windows, lane, comes)
 
     def _at(
-        self, cell: mi.UInt32, window: mi.UInt32, inside: list[mi.Float]
+        self, table: Windows, cell: mi.UInt32, window: mi.UInt32, inside: list[mi.Float]
     ) -> tuple[mi.Ray3f, mi.Color3f]:
         """Rays at places inside cells, and the power that all light had if it were like each."""
         coordinates = []
@@ -184,14 +255,14 @@ class _Cells:
             cell //= self.per_axis
         on_disc = mi.Point2f(coordinates[0], coordinates[1])
         towards = mi.Point2f(*coordinates[2:]) if self.axis_count == 4 else mi.Point2f(0.5)
-        return self._rays(on_disc, towards, window)
+        return self._rays(table, on_disc, towards, window)
 
     def _rays(
-        self, on_disc: mi.Point2f, towards: mi.Point2f, window: mi.UInt32
+        self, table: Windows, on_disc: mi.Point2f, towards: mi.Point2f, window: mi.UInt32
     ) -> tuple[mi.Ray3f, mi.Color3f]:
         """Rays from places on the disc, in [0, 1)^2, and directions of the emitter's sampling."""
         x, y, z, radius, outside = (
-            as_component(dr.gather(mi.Float, self.aims, AIM_SIZE * window + k))
+            as_component(dr.gather(mi.Float, table.aims, AIM_SIZE * window + k))
             for k in range(AIM_SIZE)
         )
         it = dr.zeros(mi.SurfaceInteraction3f, dr.width(on_disc))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import drjit as dr
 import mitsuba as mi
@@ -19,8 +19,9 @@ import numpy as np
 
 from vctgi.clipmap.levels import ClipmapLayout
 from vctgi.maths.directions import face_forward, kronecker_points_4d, offset_from_surface
+from vctgi.maths.number_rows import FloatRow, start_of_row
 from vctgi.maths.stub_gaps import as_component, as_mask
-from vctgi.scene.extent import half_extent
+from vctgi.scene.extent import half_extent_number
 from vctgi.scene.lights import Light
 from vctgi.stages.reflective_shadow_map.landing import meets_front
 
@@ -96,20 +97,26 @@ def lamp_rays(
         The rays.
     """
     total = int(counts.sum())
-    first = lamp_table((np.cumsum(counts) - counts).tolist())
-    # A mark where each lamp's texels begin: the marks up to a texel count its lamp.
-    marks = dr.zeros(mi.UInt32, total)
-    is_inside = first < dr.opaque(mi.UInt32, total)
-    mode = dr.ReduceMode.Direct
-    dr.scatter_reduce(dr.ReduceOp.Add, marks, mi.UInt32(1), first, is_inside, mode)
-    which = mi.UInt32(dr.cumsum(marks) - 1)
-    texel = dr.arange(mi.UInt32, total) - dr.gather(mi.UInt32, first, which)
-
-    number = dr.gather(mi.UInt32, lamp_table([_registry_number(each) for each in lights]), which)
+    firsts = np.cumsum(counts) - counts
+    edges = np.maximum(np.sqrt(counts).round(), 1)
+    numbers = [_registry_number(light) for light in lights]
+    columns = (firsts, edges, numbers, [_bits(light) for light in lights])
+    # All in one table: each array of the host is copied to the device by itself.
+    table = lamp_table(np.array(columns, dtype=np.int64).ravel().tolist())
+    lane, count = dr.arange(mi.UInt32, total), len(lights)
+    which = lane - lane
+    if count > 1:
+        after = dr.binary_search(  # type: ignore[no-untyped-call]
+            1, count, lambda lamp: dr.gather(mi.UInt32, table, lamp) <= lane
+        )
+        which = mi.UInt32(after) - 1
+    first, edge, number, kind = (
+        dr.gather(mi.UInt32, table, which + (column * count + start_of_row()))
+        for column in range(len(columns))
+    )
+    # Unused lanes gather 0, by which the CPU must not divide.
+    texel, edge = lane - first, dr.maximum(edge, 1)
     emitter = cast("mi.EmitterPtr", dr.reinterpret_array(mi.EmitterPtr, number))
-    edges = lamp_table(np.sqrt(counts).round().astype(int).tolist())
-    edge = dr.maximum(dr.gather(mi.UInt32, edges, which), 1)
-    kind = dr.gather(mi.UInt32, lamp_table([_bits(light) for light in lights]), which)
 
     # An area light has four coordinates, evenly filled in all of them together. Directions of a
     # point and positions of a lamp that shines one way lie on a grid. A spot takes its direction
@@ -125,7 +132,8 @@ def lamp_rays(
     is_area = as_mask((kind & AREA) != 0)
     on_lamp, _ = emitter.sample_position(as_component(0.0), position, is_area)
     side = face_forward(mi.Vector3f(on_lamp.n), ray.d)
-    start = offset_from_surface(on_lamp.p, side, half_extent(scene, layout.extent))
+    half = half_extent_number(scene, layout.extent)
+    start = offset_from_surface(on_lamp.p, side, FloatRow([half, half])[0])
     ray.o = dr.select(is_area, start, ray.o)
     return LampRays(ray, mi.Color3f(weight), which, texel, position, direction)
 
@@ -191,17 +199,19 @@ def survey_lamps(
     rays = lamp_rays(scene, lights, np.full(count, edge * edge), layout, is_survey=True)
     ray, weight = rays.ray, rays.weight
     si = scene.ray_intersect(ray, as_mask(True))
-    met = meets_front(si, mi.Vector3f(ray.d))
+    front = meets_front(si, mi.Vector3f(ray.d))
     distance = dr.select(si.is_valid(), si.t, 0.0)
-    dr.eval(ray, weight, si, met, distance)
-
+    landed, met, t, hits, d, o, n, carried = _read(
+        (mi.Float(dr.select(si.is_valid(), mi.Float(1.0), 0.0)), 1),
+        (mi.Float(dr.select(front, mi.Float(1.0), 0.0)), 1),
+        (mi.Float(distance), 1),
+        *((part, 3) for part in (si.p, ray.d, ray.o, si.n, weight)),
+    )
     shape = (count, edge, edge)
-    landed = np.array(si.is_valid()).reshape(shape)
-    hits = np.array(si.p, dtype=np.float64).T.reshape(*shape, 3)
-    d, o = (np.array(each, dtype=np.float64).T.reshape(*shape, 3) for each in (ray.d, ray.o))
-    n = np.array(si.n, dtype=np.float64).T.reshape(*shape, 3)
+    landed = landed.reshape(shape) > 0.0
+    hits, d, o, n = (each.T.reshape(*shape, 3) for each in (hits, d, o, n))
     cosine = np.maximum(np.abs(np.einsum("...i,...i", n, d)), GRAZING)
-    t = np.array(distance, dtype=np.float64).reshape(shape)
+    t = t.reshape(shape)
     beam = np.zeros(shape)
     for number, light in enumerate(lights):
         if light.is_delta_direction and not light.is_delta_position:
@@ -212,15 +222,31 @@ def survey_lamps(
             # Mean solid angle of a cosine-distributed direction.
             beam[number] = 2.0 * math.pi / edge**2 * t[number] ** 2
     faces = np.where(landed, beam / (cosine * _face_areas(hits, layout)), 0.0)
-    carried = np.array(weight, dtype=np.float64).reshape(3, count, -1)
+    carried = carried.reshape(3, count, -1)
     return LampSurvey(
         power=carried.mean(axis=(0, 2)),
         is_even=(carried.max(axis=2) <= (1.0 + EVEN) * carried.min(axis=2)).all(axis=0),
         landed=landed.sum(axis=(1, 2)),
-        met_front=np.array(met).reshape(count, -1).sum(axis=1),
+        met_front=(met.reshape(count, -1) > 0.0).sum(axis=1),
         lit_faces=faces.sum(axis=(1, 2)),
         ray_count=edge * edge,
     )
+
+
+def _read(*parts: tuple[Any, int]) -> list[np.ndarray]:
+    """Read arrays of so many channels at once, each as [channel, lane]; all as wide as the last."""
+    channels = [
+        mi.Float(part if count == 1 else part[channel])
+        for part, count in parts
+        for channel in range(count)
+    ]
+    width = dr.width(parts[-1][0])
+    flat = dr.empty(mi.Float, len(channels) * width)
+    lane = dr.arange(mi.UInt32, width)
+    for place, channel in enumerate(channels):
+        dr.scatter(flat, channel, lane + place * width, mode=dr.ReduceMode.NoConflicts)
+    rows = np.array(flat, dtype=np.float64).reshape(-1, width)
+    return np.split(rows, np.cumsum([count for _, count in parts])[:-1])
 
 
 def _cell_areas(points: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -12,6 +12,7 @@ import numpy as np
 from vctgi.clipmap.levels import ClipmapLayout
 from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.errors import SceneError
+from vctgi.maths.number_rows import start_of_row
 from vctgi.maths.stub_gaps import as_component
 from vctgi.scene.derivatives import has_moving_shapes
 from vctgi.scene.lights import Light
@@ -21,6 +22,7 @@ from vctgi.stages.reflective_shadow_map.derivative import RayOrigins, anything_m
 from vctgi.stages.reflective_shadow_map.distant import distant_rays
 from vctgi.stages.reflective_shadow_map.lamps import (
     LEAST_TEXELS,
+    LampRays,
     deal_texels,
     lamp_rays,
     lamp_table,
@@ -66,17 +68,12 @@ def render_reflective_shadow_maps(
     ----------
     [Dachsbacher2005] C. Dachsbacher, M. Stamminger, Reflective shadow maps.
     """
-    lamps = [index for index, light in enumerate(lights) if not light.is_infinite]
-    distant = [index for index, light in enumerate(lights) if light.is_infinite]
-    wanted = math.ceil(config.texels_per_voxel * layout.resolution) ** 2
-    affordable = _affordable(len(lamps) + layout.read_clip_level_count * len(distant), config)
+    sizes = map_sizes(lights, layout, config)
     maps = []
-    if lamps:
-        most = min(affordable * len(lamps), wanted * config.full_lamp_count)
-        full = min(wanted, most)
-        maps.append(_light_by_lamps(scene, lights, lamps, layout, (config, full, most)))
-    for index in distant:
-        limits = (min(wanted, affordable), affordable)
+    if sizes.lamps:
+        maps.append(_light_by_lamps(scene, lights, layout, config, sizes))
+    for index in sizes.distant:
+        limits = sizes.of_distant
         is_moving = anything_moves([lights[index]])
         with dr.suspend_grad(when=is_moving):  # type: ignore[no-untyped-call]
             rays = distant_rays(scene, lights[index], layout.clip_levels, opacity, limits)
@@ -97,6 +94,45 @@ def render_reflective_shadow_maps(
     kept = [each for each in maps if each is not None]
     dr.eval(kept)
     return kept
+
+
+@dataclass(frozen=True)
+class MapSizes:
+    """Which lights have which maps.
+
+    Attributes
+    ----------
+    lamps, distant
+        Places of the finite and the infinite lights in their list.
+    of_lamps
+        Most texels of one lamp; of all together.
+    of_distant
+        Texels that should land of a distant light in each level; rays that may be sent for that.
+    """
+
+    lamps: list[int]
+    distant: list[int]
+    of_lamps: tuple[int, int]
+    of_distant: tuple[int, int]
+
+
+def map_sizes(
+    lights: list[Light], layout: ClipmapLayout, config: ReflectiveShadowMapConfig
+) -> MapSizes:
+    """Return how many texels lights get.
+
+    Raises
+    ------
+    ValueError
+        There are more lights than there may be texels.
+    """
+    lamps = [index for index, light in enumerate(lights) if not light.is_infinite]
+    distant = [index for index, light in enumerate(lights) if light.is_infinite]
+    wanted = math.ceil(config.texels_per_voxel * layout.resolution) ** 2
+    affordable = _affordable(len(lamps) + layout.read_clip_level_count * len(distant), config)
+    most = min(affordable * len(lamps), wanted * config.full_lamp_count)
+    of_distant = (min(wanted, affordable), affordable)
+    return MapSizes(lamps, distant, (min(wanted, most), most), of_distant)
 
 
 def _by_level(
@@ -143,34 +179,57 @@ def _affordable(map_count: int, config: ReflectiveShadowMapConfig) -> int:
     return affordable
 
 
+@dataclass
+class LampLight:
+    """Rays of all lamps, the power of each, W, and the place of its light among all lights."""
+
+    rays: LampRays
+    flux: mi.Color3f
+    owner: mi.UInt32
+    texel_count: mi.UInt32
+
+
+def light_of_lamps(
+    scene: mi.Scene,
+    lights: list[Light],
+    layout: ClipmapLayout,
+    config: ReflectiveShadowMapConfig,
+    sizes: MapSizes,
+) -> LampLight:
+    """Return the rays of all lamps; what they were made from has no derivatives."""
+    chosen = [lights[index] for index in sizes.lamps]
+    counts = deal_texels(scene, chosen, layout, config.texels_per_face, sizes.of_lamps)
+    rays = lamp_rays(scene, chosen, counts, layout)
+    table, start = lamp_table([*counts.tolist(), *sizes.lamps]), start_of_row()
+    texel_count = dr.gather(mi.UInt32, table, rays.which + start)
+    flux = rays.weight / as_component(mi.Float(texel_count))
+    owner = dr.gather(mi.UInt32, table, rays.which + (start + len(chosen)))
+    return LampLight(rays, flux, owner, texel_count)
+
+
 def _light_by_lamps(
     scene: mi.Scene,
     lights: list[Light],
-    lamps: list[int],
     layout: ClipmapLayout,
-    limits: tuple[ReflectiveShadowMapConfig, int, int],
+    config: ReflectiveShadowMapConfig,
+    sizes: MapSizes,
 ) -> ReflectiveShadowMap | None:
     """Trace all lamps in one launch; None if none of them reaches anything."""
-    chosen = [lights[index] for index in lamps]
-    config, full, most = limits
-    counts = deal_texels(scene, chosen, layout, config.texels_per_face, (full, most))
     is_followed = anything_moves(lights) or has_moving_shapes(scene)
     with dr.suspend_grad(when=is_followed):  # type: ignore[no-untyped-call]
-        rays = lamp_rays(scene, chosen, counts, layout)
-    which = rays.which
-    texel_count = dr.gather(mi.UInt32, lamp_table(counts.tolist()), which)
-    flux = rays.weight / as_component(mi.Float(texel_count))
-    owner = dr.gather(mi.UInt32, lamp_table(lamps), which)
-    require_power(flux, owner, lights)
+        lamp = light_of_lamps(scene, lights, layout, config, sizes)
+    rays, owner = lamp.rays, lamp.owner
+    require_power(lamp.flux, owner, lights)
     origins = None
     if is_followed:
-        share = 1.0 / mi.Float(texel_count)
+        share = 1.0 / mi.Float(lamp.texel_count)
         origins = RayOrigins(lights, owner, rays.position, rays.direction, share)
-    landed = land(scene, rays.ray, flux, None, rays.texel, origins)
+    landed = land(scene, rays.ray, lamp.flux, None, rays.texel, origins)
     if landed is None:
         return None
     found, hit = landed
-    name = chosen[0].name if len(chosen) == 1 else f"{len(chosen)} lamps"
+    count = len(sizes.lamps)
+    name = lights[sizes.lamps[0]].name if count == 1 else f"{count} lamps"
     return replace(found, light_name=name, light_index=dr.gather(mi.UInt32, owner, hit))
 
 

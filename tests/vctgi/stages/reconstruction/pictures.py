@@ -11,7 +11,7 @@ import numpy as np
 from vctgi.scene.receivers import white_receivers
 from vctgi.scene.records import GBuffer
 from vctgi.stages.reconstruction.config import ReconstructionConfig
-from vctgi.stages.reconstruction.interpolation import interpolate, refine, trace_sparse
+from vctgi.stages.reconstruction.interpolation import interpolate, lone_rays, refine, trace_sparse
 from vctgi.stages.reconstruction.sparse_pixels import SparseGrid
 
 
@@ -90,5 +90,7 @@ def reconstruct(
     traced = trace_sparse(picture.gbuffer, picture.place, grid, picture.gather)
     asked = other or picture
     found = interpolate(asked.gbuffer, asked.place, traced, config)
-    light = refine(asked.gbuffer, found, asked.gather)
-    return np.array(light)[1].reshape(height, width), int(dr.width(found.alone))
+    alone = lone_rays(found)
+    light = refine(asked.gbuffer, found.light, alone, asked.gather)
+    count = 0 if alone is None else int(dr.width(alone))
+    return np.array(light)[1].reshape(height, width), count

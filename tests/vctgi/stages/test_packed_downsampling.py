@@ -1,0 +1,108 @@
+"""Voxels that are stored while they are downsampled equal those that are stored afterwards."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from tests.vctgi.hand_made_volumes import emittance_of, opacity_of, random_values
+from vctgi.clipmap.gathered import GatheredTexels
+from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
+from vctgi.clipmap.storage import (
+    EmittanceClipmap,
+    OpacityClipmap,
+    StorageConfig,
+    VoxelVolume,
+    pack_volume,
+)
+from vctgi.clipmap.stored_directions import SIX, StoredDirections, facing_directions
+from vctgi.stages.downsampling import DownsamplingConfig, downsample, downsample_volume
+
+pytestmark = pytest.mark.usefixtures("variant")
+
+FOUR = facing_directions((True, False, True, True, False, True))
+
+
+def layout(level_count: int = 3) -> ClipmapLayout:
+    return lay_out_clipmap(
+        (0.4, -3.0, 2.0), finest_voxel_size=0.5, level_count=level_count, resolution=8
+    )
+
+
+def voxels(
+    where: ClipmapLayout, empty: tuple[int, ...] = ()
+) -> tuple[OpacityClipmap, EmittanceClipmap]:
+    alphas, colors = random_values(where, 5)
+    for level in empty:
+        alphas[level][...], colors[level][...] = 0.0, 0.0
+    for level in range(where.clip_level_count, len(where.levels)):
+        alphas[level][...], colors[level][...] = 0.0, 0.0
+    return opacity_of(where, alphas), emittance_of(where, colors)
+
+
+def words(volume: VoxelVolume) -> np.ndarray:
+    assert isinstance(volume.texels, GatheredTexels)
+    return np.array(volume.texels.words)
+
+
+@pytest.mark.parametrize("mips", ["columns", "average"])
+@pytest.mark.parametrize("directions", [None, SIX, FOUR])
+@pytest.mark.parametrize("empty", [(), (0,), (0, 1), (1,), (0, 1, 2)])
+def test_equals_downsampling_before_storage(
+    mips: str, directions: StoredDirections | None, empty: tuple[int, ...]
+) -> None:
+    opacity, emittance = voxels(layout(), empty)
+    config, storage = DownsamplingConfig(mips=mips), StorageConfig()  # type: ignore[arg-type]
+    merged, lit = downsample(opacity, emittance, config)
+    assert lit is not None
+    expected = pack_volume(merged, lit, storage, directions)
+    found = downsample_volume(opacity, emittance, config, storage, directions)
+    np.testing.assert_array_equal(words(found), words(expected))
+    for name in ("origins", "voxel_offsets", "centre", "low", "high"):
+        ours, theirs = getattr(found.table, name), getattr(expected.table, name)
+        np.testing.assert_array_equal(np.array(ours), np.array(theirs))
+
+
+@pytest.mark.parametrize("level_count", [1, 2])
+def test_voxels_without_light_are_dark(level_count: int) -> None:
+    opacity, emittance = voxels(layout(level_count))
+    dark = replace(emittance, levels=[dr.zeros(mi.Color3f, dr.width(c)) for c in emittance.levels])
+    config, storage = DownsamplingConfig(), StorageConfig()
+    found = downsample_volume(opacity, None, config, storage, keeps_empty=True)
+    expected = downsample_volume(opacity, dark, config, storage, keeps_empty=True)
+    np.testing.assert_array_equal(words(found), words(expected))
+
+
+@pytest.mark.parametrize(
+    ("config", "storage"),
+    [
+        (DownsamplingConfig(is_isotropic=True), StorageConfig()),
+        (DownsamplingConfig(), StorageConfig(direction_count=3)),
+        (DownsamplingConfig(), StorageConfig(format="float16")),
+    ],
+)
+def test_other_formats_are_stored_as_before(
+    config: DownsamplingConfig, storage: StorageConfig
+) -> None:
+    opacity, emittance = voxels(layout())
+    merged, lit = downsample(opacity, emittance, config)
+    assert lit is not None
+    found = downsample_volume(opacity, emittance, config, storage)
+    np.testing.assert_array_equal(words(found), words(pack_volume(merged, lit, storage)))
+
+
+def test_takes_one_launch_a_level_and_one_for_all_words() -> None:
+    where = layout()
+    opacity, emittance = voxels(where)
+    config, storage = DownsamplingConfig(), StorageConfig()
+    downsample_volume(opacity, emittance, config, storage)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        downsample_volume(opacity, emittance, config, storage)
+        launches = len(dr.kernel_history())
+    # What a level gets from the finer one, all words, the corners, and two for what is empty.
+    assert launches <= len(where.levels) - 1 + 1 + 1 + 2
