@@ -69,7 +69,7 @@ class SceneVoxels:
     triangles: DeviceTriangles
     opacity: OpacityClipmap
     filled_count: int
-    light: KeptLight = field(default_factory=KeptLight)
+    light: KeptLight = field(default_factory=KeptLight, init=False)
 
 
 def prepare_scene(
@@ -198,9 +198,12 @@ def update_voxels(
         opacity, stale = update_opacity(
             voxels.opacity, triangles, prepared.plan.layout, changed, config.voxelization
         )
-    voxels.light.forget_levels(_changed_levels(before, prepared.plan.layout, stale))
     filled = count_voxels(box for boxes in stale for box in boxes)
-    return SceneVoxels(prepared.surfaces, triangles, opacity, filled, voxels.light)
+    found = SceneVoxels(prepared.surfaces, triangles, opacity, filled)
+    found.light = voxels.light
+    changed_levels = _changed_levels(before, prepared.plan.layout, stale)
+    found.light.follow(voxels.opacity, opacity, changed_levels)
+    return found
 
 
 def _changed_levels(
@@ -258,7 +261,7 @@ def light_volume(
         cache.hold(prepared.scene)
     if parameters is not None:
         parameters.check_bounds()
-    kept = None if voxels is None else voxels.light
+    kept = None if voxels is None or config.is_kept("motion") else voxels.light
     if voxels is None:
         voxels = voxelize_scene(prepared, config, clock, parameters)
     both = (voxels.surfaces, voxels.opacity)

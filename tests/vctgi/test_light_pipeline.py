@@ -181,8 +181,20 @@ def test_light_of_voxels_that_changed_is_found_again() -> None:
         light_volume(prepared, config, voxels=voxels)
     kept = set(voxels.light.texels)
     assert kept == {(light, level) for light in range(2) for level in range(3)}
-    voxels.light.forget_levels([1])
+    voxels.light.follow(voxels.opacity, voxels.opacity, [1])
     assert set(voxels.light.texels) == {key for key in kept if key[1] != 1}
+
+
+def test_other_voxels_get_other_light() -> None:
+    prepared, config, voxels = prepared_room(outside())
+    for _ in range(2):
+        light_volume(prepared, config, voxels=voxels)
+    halved = [0.5 * level for level in voxels.opacity.levels]
+    voxels.opacity = replace(voxels.opacity, levels=halved)
+    other = replace(voxels)
+    assert other.light == KeptLight()
+    found = light_volume(prepared, config, voxels=voxels)
+    np.testing.assert_array_equal(words(found), words(light_volume(prepared, config, voxels=other)))
 
 
 def test_light_is_kept_only_for_who_keeps_voxels() -> None:

@@ -62,7 +62,7 @@ def trace_all_levels(
     levels = _levels_with_surfaces(scene, layout, opacity) if sizes.distant else []
     same = set()
     if kept is not None and sizes.distant:
-        same = kept.compare(scene, lights, sizes.distant, sizes)
+        same = kept.compare(scene, lights, opacity, sizes)
     for index in sizes.distant:
         held = {} if kept is None else kept.texels
         stale = [each for each in levels if (index, each.level) not in held]
