@@ -14,6 +14,7 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
+from vctgi.clipmap.texture import TextureTexels
 from vctgi.config import RenderConfig
 from vctgi.frame_channels import (
     Channels,
@@ -77,8 +78,8 @@ class Tracing:
             self.parameters.check_bounds()
 
     def keep_in(self, cache: TraceCache | None) -> None:
-        """Record what is traced."""
-        if cache is None:
+        """Record what is traced, but for voxels in a texture: Dr.Jit 1.5 may abort there."""
+        if cache is None or isinstance(self.volume.texels, TextureTexels):
             return
         is_live = self.volume.has_derivatives or self.prepared.has_derivatives
         if self.tally is not None or self.parameters is not None or is_live:

@@ -89,6 +89,11 @@ def prepared_room(lights: dict[str, Any]) -> tuple[PreparedScene, RenderConfig, 
     return prepared, config, voxelize_scene(prepared, config)
 
 
+def rounding() -> float:
+    """Relative: one on the CPU; a GPU's kernels differ in which products they fuse with sums."""
+    return 1e-5 if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else 2.0**-23
+
+
 def words(lit: LitVolume) -> np.ndarray:
     assert isinstance(lit.volume.texels, GatheredTexels)
     return np.array(lit.volume.texels.words)
@@ -109,7 +114,7 @@ def test_all_levels_at_once_are_lit_like_one_after_the_other(
     for one, other in zip(found.levels, expected.levels, strict=True):
         scale = float(np.array(other).max(initial=0.0))
         np.testing.assert_allclose(
-            np.array(one), np.array(other), rtol=2.0**-23, atol=FIXED_POINT * scale
+            np.array(one), np.array(other), rtol=rounding(), atol=FIXED_POINT * scale
         )
     assert found.lost_flux_share == pytest.approx(
         expected.lost_flux_share, rel=SINGLE_PRECISION_SUM, abs=1e-7

@@ -127,9 +127,10 @@ class FallenLight:
         """Share of the reflected flux that found no opacity, for each clip level."""
         both = np.zeros((2, self.level_count))
         for numbers, *lights in self.parts:
-            level = np.array(numbers)
-            for row, light in zip(both, lights, strict=True):
-                row += np.bincount(level, np.array(light, dtype=np.float64), self.level_count)
+            # What is the same for all is one number.
+            level, *weights = np.broadcast_arrays(*(np.array(each) for each in (numbers, *lights)))
+            for row, weight in zip(both, weights, strict=True):
+                row += np.bincount(level, weight.astype(np.float64), self.level_count)
         return [
             float(lost / (found + lost)) if found + lost > 0.0 else 0.0 for found, lost in both.T
         ]

@@ -153,7 +153,13 @@ def _measure_lobes(
         )
         return number + 1, total
 
-    start = dr.zeros(_Lobes, width)
+    # Field by field: Dr.Jit knows the types of a record from the first variant that used it.
+    start = _Lobes(
+        dr.zeros(mi.Color3f, width),
+        dr.zeros(mi.Color3f, width),
+        dr.zeros(mi.Vector3f, width),
+        dr.zeros(mi.Float, width),
+    )
     _, lobes = dr.while_loop(
         state=(dr.zeros(mi.UInt32, width), start),
         cond=is_running,

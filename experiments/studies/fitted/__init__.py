@@ -87,6 +87,8 @@ def _compared(scene: str, preset: str, kind: str) -> Check:
 
     trained = read_preset_file(vctgi.config.shipped_presets()[preset]).record["scenes"]
     role = "trained on" if scene in trained else "held out"
+    if scene == CHOSEN:
+        role = f"trained on {', '.join(trained)}"
     check = _check(
         scene, f"{preset}, {scene}, {COMPARED[kind]}", f'preset "{preset}", {role}', measure
     )

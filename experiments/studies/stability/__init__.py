@@ -21,6 +21,7 @@ from experiments.studies.stability import (
 )
 from experiments.studies.stability.case import StabilityCase, checks_of_case
 from experiments.studies.stability.rooms import SETTINGS
+from reports.study_figures import Definition
 
 FAMILIES = {
     "light": light.cases,
@@ -48,6 +49,30 @@ HEADLINES = (
     "float16, light above 65504, refused in one line",
 )
 """Numbers that are read first, one or two of each family."""
+
+
+DEFINITIONS = [
+    Definition(
+        name="mean difference",
+        formula="mean |picture - truth| / mean truth",
+        source="experiments/studies/stability/case.py",
+    ),
+    Definition(
+        name="condition number",
+        formula="relative change of the light over that of the input which caused it",
+        source="experiments/studies/stability/light.py",
+    ),
+    Definition(
+        name="growth factor",
+        formula="largest flux of a scattering over that of the one before it",
+        source="experiments/studies/stability/bounces.py",
+    ),
+    Definition(
+        name="values that are NaN, infinite or negative",
+        formula="count over all pictures of a case",
+        source="experiments/studies/stability/case.py",
+    ),
+]
 
 
 def catalogue() -> dict[str, list[StabilityCase]]:

@@ -236,7 +236,11 @@ def borrow(sums: SlotSums, index: mi.UInt32, level: LevelLayout) -> SlotSums:
     slot = dr.gather(mi.UInt32, index, empty)
     direction = slot // dr.opaque(mi.UInt32, level.voxel_count)
     voxel = voxel_from_texel(slot % dr.opaque(mi.UInt32, level.voxel_count), level)
-    found = dr.zeros(SlotSums, dr.width(empty))
+    # Field by field: Dr.Jit knows the types of a record from the first variant that used it.
+    none, width = dr.zeros(mi.Vector3f, dr.width(empty)), dr.width(empty)
+    found = SlotSums(
+        dr.zeros(mi.Float, width), dr.zeros(mi.Color3f, width), none, mi.Vector3f(none)
+    )
     for step in product((-1, 0, 1), repeat=3):
         around = voxel + mi.Vector3i(*step)
         active = is_inside(around, level)
