@@ -79,7 +79,7 @@ class Tracing:
 
     def keep_in(self, cache: TraceCache | None) -> None:
         """Record what is traced, but for voxels in a texture: Dr.Jit 1.5 may abort there."""
-        if cache is None or isinstance(self.volume.texels, TextureTexels):
+        if cache is None:
             return
         is_live = self.volume.has_derivatives or self.prepared.has_derivatives
         if self.tally is not None or self.parameters is not None or is_live:
@@ -87,6 +87,8 @@ class Tracing:
                 "render_frame: a frame that is counted or has derivatives is traced anew each "
                 "time; leave out `cache`."
             )
+        if isinstance(self.volume.texels, TextureTexels):
+            return
         self.cache, self.key = cache, cache.key_of(self.prepared, self.config)
         self.volume = with_windows_at_origin(self.volume)
 

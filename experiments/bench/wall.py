@@ -54,7 +54,7 @@ def wall_times(walk: Walk, seconds: float) -> WallTimes:
         walk.frame(number)
         number += 1
     frames: list[float] = []
-    while len(frames) < WALL_FRAMES and sum(frames) < seconds:
+    while not frames or (len(frames) < WALL_FRAMES and sum(frames) < seconds):
         walk.change(number)
         dr.sync_thread()
         start = time.perf_counter()

@@ -17,6 +17,9 @@ SOURCE_FOLDER = Path(__file__).resolve().parents[2]
 COUNTED_PACKAGES = ("vctgi", "reference", "metrics", "experiments")
 """Packages whose sources decide a study's numbers."""
 
+COUNTED_SUFFIXES = (".py", ".toml")
+"""Their sources, and presets in files."""
+
 
 class Ledger:
     """The finished rows of one study, found again by what they depend on.
@@ -69,9 +72,10 @@ def code_digest() -> str:
     """Return a hash of the sources and versions that a study's numbers come from."""
     digest = hashlib.sha256()
     for package in COUNTED_PACKAGES:
-        for path in sorted((SOURCE_FOLDER / package).rglob("*.py")):
-            digest.update(str(path.relative_to(SOURCE_FOLDER)).encode())
-            digest.update(path.read_bytes())
+        for suffix in COUNTED_SUFFIXES:
+            for path in sorted((SOURCE_FOLDER / package).rglob(f"*{suffix}")):
+                digest.update(str(path.relative_to(SOURCE_FOLDER)).encode())
+                digest.update(path.read_bytes())
     for package in ("mitsuba", "drjit", "numpy"):
         digest.update(version(package).encode())
     return digest.hexdigest()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 from dataclasses import replace
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -154,6 +155,31 @@ def test_lit_voxels_equal_those_without_a_cache() -> None:
     # Scenes share the object of equal parts.
     dr.disable_grad(values[name])
     values.update()
+
+
+def test_a_light_that_goes_dark_does_not_lend_its_rays_to_the_next() -> None:
+    cache, config = TraceCache(), small("medium")
+
+    def outside(x: float, power: float) -> dict[str, Any]:
+        irradiance = {"type": "rgb", "value": power}
+        return {"type": "directional", "direction": [x, -1.0, 0.2], "irradiance": irradiance}
+
+    walls = {name: each for name, each in room().items() if name != CEILING}
+    eye = camera([0.5, 0.2, 0.9], [0.0, -0.2, 0.0], size=8)
+    scene = load(sensor=eye, moon=outside(-0.6, 0.0), sun=outside(0.3, 3.0), **walls)
+    values = mi.traverse(scene)
+    dark, bright = (f"{name}.irradiance.value" for name in ("moon", "sun"))
+    for frame in range(6):
+        if frame == 3:
+            values[dark], values[bright] = mi.Color3f(3.0), mi.Color3f(0.0)
+            values.update()
+        prepared = prepare_scene(scene, scene.sensors()[0], config)
+        assert len(prepared.plan.lights) == 1
+        found, expected = (light_volume(prepared, config, cache=kept) for kept in (cache, None))
+        np.testing.assert_array_equal(
+            np.array(found.volume.texels.words),  # type: ignore[attr-defined]
+            np.array(expected.volume.texels.words),  # type: ignore[attr-defined]
+        )
 
 
 def test_another_scene_or_configuration_is_not_mixed_up() -> None:

@@ -29,7 +29,7 @@ Filtering = Literal["linear", "random_level", "random_texel"]
 """What a sample reads: "linear" all texels around it in two levels; "random_level" those of one of
 the two; "random_texel" the one texel of each axis that a cone's random offset chooses, of one."""
 
-LEVEL_STREAM, OFFSET_STREAM = 700, 701
+LEVEL_STREAM, OFFSET_STREAM = 800, 801
 """Hash streams of the share that chooses levels and, from the second on, of the offsets."""
 
 LEVEL_TURN = math.sqrt(2.0) - 1.0
@@ -42,15 +42,15 @@ OFFSET_ROOT = 1.22074408460575947536
 
 @dataclass
 class TexelChoice:
-    """What chooses the texels of a cone.
+    """What chooses the texels of cones, one a lane.
 
     Attributes
     ----------
     level
         [0, 1): added to the fractional level, of which the whole part is read then.
     offset
-        [0, 1)^3: added to the place in voxels, counted from centres, of which the whole part is
-        read then; None: texels are interpolated.
+        [0, 1)^3: added to the place in voxels of the level that is read, counted from centres, of
+        which the whole part is read then; None: texels are interpolated.
     """
 
     level: mi.Float
@@ -60,7 +60,7 @@ class TexelChoice:
 def random_choice(
     sample_index: mi.UInt32, number: mi.UInt32, filtering: Filtering
 ) -> TexelChoice | None:
-    """Return the choice of a cone.
+    """Return the choices of cones, one a lane.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ from vctgi.maths.stub_gaps import as_component, as_mask
 if TYPE_CHECKING:
     from drjit.auto.ad import Texture3f16
 else:
-    # Dr.Jit reads the annotations of records that are recorded with `dr.freeze`.
+    # Dr.Jit reads the annotations of records that pass through `dr.freeze`.
     Texture3f16 = object
 
 MAX_TEXTURE_DEPTH = 16384

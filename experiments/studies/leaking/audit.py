@@ -97,12 +97,17 @@ def audit_points(
     Raises
     ------
     ValueError
-        Cones in the frame of the world.
+        Cones in the frame of the world, or of texels by chance.
     """
     cones = config.cones()
     if cones.frame != "tangent":
         raise ValueError(
             "audit_points: DiffuseConesConfig.cone_set must be in the frame of the surface."
+        )
+    if config.march.filtering != "linear":
+        raise ValueError(
+            "audit_points: ConeMarchConfig.filtering chooses texels, and the audit follows all "
+            'that are interpolated; set it to "linear".'
         )
     lanes = diffuse_lanes(gbuffer, volume, cones, config)
     active, reach = lanes.active, dr.zeros(mi.Float, dr.width(lanes.ratio))

@@ -2,7 +2,8 @@
 
 What a frame does: still, the voxels are kept lit, and it gathers; with a moving camera the windows
 of the clipmap move by the smallest step that moves the finest, slabs that entered are voxelized,
-all is lit and downsampled again, and it gathers; with moving lights the surfaces' voxels are kept,
+levels that changed are lit from outside and all by lamps, all is downsampled again, and it gathers;
+with moving lights the surfaces' voxels are kept,
 and light maps, injection and downsampling are done again. Reading the scene is part of none.
 """
 
@@ -61,7 +62,7 @@ class LitScene:
     ----------
     prepared, voxels
         The scene, and its surfaces as voxels.
-    volume
+    lit
         The same, lit.
     cache
         What frames trace, which is recorded once: a game does not trace its frames either.
@@ -115,7 +116,9 @@ class LitScene:
         """
 
         def light() -> tuple[PreparedScene, LitVolume]:
-            return self.prepared, vctgi.light_volume(self.prepared, config, voxels=self.voxels)
+            # Voxels that nobody lit yet: light from outside is not found on them.
+            voxels = replace(self.voxels)
+            return self.prepared, vctgi.light_volume(self.prepared, config, voxels=voxels)
 
         if kind == LIGHTS:
             return light

@@ -25,7 +25,7 @@ TITLE = "Error against time"
 WHAT_IS_DONE = {
     STILL: "Still frames: the voxels are kept, so cones only gather; paths start anew.",
     CAMERA: "The windows of the clipmap move with the camera by two of the finest voxels, slabs "
-    "that enter are voxelized, all is lit again, then cones gather; paths start anew.",
+    "that enter are voxelized, what changed is lit again, then cones gather; paths start anew.",
     LIGHTS: "Surfaces' voxels are kept, all is lit again, then cones gather; paths start anew.",
 }
 

@@ -91,7 +91,7 @@ def step_at(
     step: mi.Float,
     config: AnyMarch,
 ) -> tuple[mi.Float, mi.Color3f]:
-    """Return the share that a step stops and the radiance that it adds, between two levels.
+    """Return the share that a step stops and the radiance that it adds, of two levels or one.
 
     Parameters
     ----------

@@ -23,8 +23,7 @@ class SampleTally:
     cone_count
         Cones that marched: those that a real ray did not end before.
     sample_count
-        Steps that they took. Each is one sample of the voxels, at one place, interpolated between
-        two levels.
+        Steps that they took. Each is one sample of the voxels, at one place, of two levels or one.
     ray_count
         Real rays of the near field.
     """

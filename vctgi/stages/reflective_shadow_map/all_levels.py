@@ -125,7 +125,8 @@ def _light_distant(
 
     if recorder is not None:
         dr.make_opaque(dealt, lane)
-    key = ("light from outside", index, cells.key)
+    # Its name, not its place: lights that are dark are not among those of the frame.
+    key = ("light from outside", cells.light.name, index, cells.key)
     inputs = (scene, plain, cells.windows, dealt, lane, starts)
     return run_recorded(recorder, key, light, *inputs), counts
 

@@ -235,7 +235,8 @@ class Cells:
         number = mi.UInt32(0)
         for place in range(1, len(self.levels)):
             number += dr.select(lane >= mi.UInt32(entry(starts, place)), mi.UInt32(1), 0)
-        lane -= mi.UInt32(dr.gather(mi.Int32, starts, number))
+        # A new array: the lanes belong to who records this.
+        lane = lane - mi.UInt32(dr.gather(mi.Int32, starts, number))
         cell = owner(dealt, number, lane, self.count)
         share = 1.0 / (self.count * mi.Float(own_texels(dealt, cell, self.count)))
         windows = LaneWindows(table, self.resolution, number)

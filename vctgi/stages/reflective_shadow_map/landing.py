@@ -265,7 +265,8 @@ class LaneWindows:
             leave = dr.minimum(leave, dr.maximum(one, other))
         leave = leave * (1.0 + RAY_MARGIN) + bounds[6]
         comes = enter * (1.0 - RAY_MARGIN) <= leave
-        ray.maxt = dr.minimum(ray.maxt, as_component(leave))
+        # Rays that never come there would end before they start.
+        ray.maxt = dr.minimum(ray.maxt, as_component(dr.maximum(leave, 0.0)))
         return mi.Bool(comes)
 
     def level_numbers(self) -> mi.UInt32:
