@@ -44,7 +44,7 @@ gate: setup  ## check two small scenes and what artefacts studies find against t
 	@$(VENV)/vctgi gate tests/gates/gates.toml --variant llvm_ad_rgb --mutants --output build/gate --junit build/gate/junit.xml \
 		--markdown build/gate/summary.md
 
-publish: setup  ## the committed snapshot reports/published: pages, charts, summary (8 minutes on two cores)
+publish: setup  ## the committed snapshot reports/published: pages, charts, summary (6 minutes on two cores)
 	@rm -rf build/publish
 	@$(VENV)/vctgi report --resolution 96 --spp 4096 --output build/publish/report
 	@for study in pareto stability elimination gates leaking banding aliasing flicker; do \
