@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -15,6 +14,7 @@ from vctgi.plan_entries import PlanEntry, left_out_entry
 from vctgi.scene.constants import is_dark
 from vctgi.scene.emissive import list_emissive_surfaces
 from vctgi.scene.lights import Light
+from vctgi.scene.registry import registry_number
 from vctgi.scene.triangles import SceneTriangles
 from vctgi.stages.reflective_shadow_map import survey_distant, survey_lamps
 
@@ -102,7 +102,7 @@ def _lies_behind(scene: mi.Scene, light: Light, triangles: SceneTriangles) -> bo
 def _lies_behind_area(scene: mi.Scene, light: Light, triangles: SceneTriangles) -> bool:
     """Whether every vertex lies behind the planes of all triangles of an area light."""
     emissive = list_emissive_surfaces(scene)
-    number = int(mi.UInt32(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(light.emitter)))[0])
+    number = registry_number(mi.EmitterPtr(light.emitter))
     own = emissive.surfaces.vertices[emissive.emitter_number == number]
     normal = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)

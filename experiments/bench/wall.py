@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from itertools import count
 from typing import Final
 
 import drjit as dr
@@ -49,30 +50,28 @@ class WallTimes:
 def wall_times(walk: Walk, seconds: float) -> WallTimes:
     """Time frames that no earlier one was like: what is compiled for each frame anew shows."""
     walk.cache = TraceCache()
-    number = MOST_FRAMES
+    numbers = count(MOST_FRAMES)
     for _ in range(RECORDING_FRAMES):
-        walk.frame(number)
-        number += 1
+        walk.frame(next(numbers))
     frames: list[float] = []
     while not frames or (len(frames) < WALL_FRAMES and sum(frames) < seconds):
+        number = next(numbers)
         walk.change(number)
         dr.sync_thread()
         start = time.perf_counter()
         walk.render(number)
         dr.sync_thread()
         frames.append(time.perf_counter() - start)
-        number += 1
-    count = len(frames)
     start = time.perf_counter()
-    for _ in range(count):
-        walk.frame(number)
-        number += 1
+    for _ in frames:
+        walk.frame(next(numbers))
     dr.sync_thread()
-    loop = (time.perf_counter() - start) / count
+    loop = (time.perf_counter() - start) / len(frames)
     devices = []
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         # A recording under another flag is another one.
-        for place in range(RECORDING_FRAMES + count):
+        for place in range(RECORDING_FRAMES + len(frames)):
+            number = next(numbers)
             walk.change(number)
             dr.kernel_history_clear()
             walk.render(number)
@@ -80,6 +79,5 @@ def wall_times(walk: Walk, seconds: float) -> WallTimes:
             found = sum(kernel["execution_time"] for kernel in dr.kernel_history()) / 1e3
             if place >= RECORDING_FRAMES:
                 devices.append(found)
-            number += 1
     walk.cache = None
     return WallTimes(float(np.median(frames)), float(np.median(devices)), loop)

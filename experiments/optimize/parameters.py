@@ -73,11 +73,15 @@ def _march(name: str) -> tuple[Read, Write]:
         return float(getattr(config.diffuse.march, name))
 
     def write(config: RenderConfig, value: float) -> RenderConfig:
-        change: dict[str, Any] = {name: value}
-        march = replace(config.diffuse.march, **change)
-        return replace(config, diffuse=replace(config.diffuse, march=march))
+        return _with_march(config, **{name: value})
 
     return read, write
+
+
+def _with_march(config: RenderConfig, **changes: Any) -> RenderConfig:
+    """Return a configuration whose diffuse cones march otherwise."""
+    march = replace(config.diffuse.march, **changes)
+    return replace(config, diffuse=replace(config.diffuse, march=march))
 
 
 def _diffuse(name: str) -> tuple[Read, Write]:
@@ -219,8 +223,7 @@ def _read_filtering(config: RenderConfig) -> float:
 
 
 def _write_filtering(config: RenderConfig, value: float) -> RenderConfig:
-    march = replace(config.diffuse.march, filtering=get_args(Filtering)[round(value)])
-    return replace(config, diffuse=replace(config.diffuse, march=march))
+    return _with_march(config, filtering=get_args(Filtering)[round(value)])
 
 
 CHOICES = {

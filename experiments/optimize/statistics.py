@@ -7,11 +7,14 @@ Gauss-Newton reads off pictures and Jacobians. Evaluations can so be kept on dis
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from experiments.optimize.target import Array, Target
 from vctgi.clipmap.texel_choice import Filtering
+
+Number = TypeVar("Number", float, Array)
 
 FILTERING_WORK: dict[Filtering, float] = {
     "linear": 1.0,
@@ -26,6 +29,11 @@ RAY_WORK = 10.0
 units for rays; where a GPU has them, rays cost less, and equal work is less time."""
 
 
+def work_of(samples: Number, rays: Number) -> Number:
+    """Return samples and rays, or their derivatives, counted in samples that interpolate."""
+    return samples + RAY_WORK * rays
+
+
 @dataclass(frozen=True, kw_only=True)
 class FrameCost:
     """What a frame's diffuse cones read, for each pixel."""
@@ -34,6 +42,11 @@ class FrameCost:
     """Samples of the voxels, counted in samples that interpolate (`FILTERING_WORK`)."""
     rays: float
     """Real rays of the near field."""
+
+    @property
+    def work(self) -> float:
+        """Both, as `work_of`."""
+        return work_of(self.samples, self.rays)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,8 +68,8 @@ class FrameValues:
 
     @property
     def work(self) -> float:
-        """Both, counted in samples that interpolate, in proportion to their times."""
-        return self.samples + RAY_WORK * self.rays
+        """Both, as `work_of`."""
+        return work_of(self.samples, self.rays)
 
     def to_json(self) -> dict[str, float]:
         """Return the numbers by name."""
@@ -165,6 +178,6 @@ def frame_slopes(
         limited={
             "dark_excess": dark,
             "missing_energy": missing,
-            "work": cost_slopes[0] + RAY_WORK * cost_slopes[1],
+            "work": work_of(cost_slopes[0], cost_slopes[1]),
         },
     )

@@ -90,6 +90,17 @@ PRINT_WIDTH = 718
 """Pixels between the margins of a sheet of A4."""
 
 
+def left_on_paper(paper: Path, profile: Path) -> tuple[int, int]:
+    """How many parts of a `printed` page are folded away, and how many of its controls show."""
+    script = """
+      const folded = document.querySelectorAll("details:not(.record):not([open])");
+      const controls = [...document.querySelectorAll(".controls, .families, .readout")];
+      return [folded.length, controls.filter((each) => each.checkVisibility()).length];
+    """
+    folded, controls = probed(paper, profile, script)
+    return folded, controls
+
+
 def printed(page: Path) -> Path:
     """Write a copy of a page that looks on the screen as the page does on paper."""
     text = page.read_text(encoding="utf-8")

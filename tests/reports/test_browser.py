@@ -13,6 +13,7 @@ from reports.record import load_image, read_record
 from tests.reports.chromium import (
     PRINT_WIDTH,
     content_width,
+    left_on_paper,
     needs_chromium,
     opened,
     printed,
@@ -54,12 +55,7 @@ def test_nothing_is_wider_than_the_window(page: Path, tmp_path: Path, width: int
 def test_on_paper_nothing_is_cut_off_or_folded_away(page: Path, tmp_path: Path) -> None:
     paper = printed(page)
     assert content_width(paper, tmp_path / "profile", PRINT_WIDTH) == PRINT_WIDTH
-    script = """
-      const folded = document.querySelectorAll("details:not(.record):not([open])");
-      const controls = [...document.querySelectorAll(".controls, .families, .readout")];
-      return [folded.length, controls.filter((each) => each.checkVisibility()).length];
-    """
-    assert probed(paper, tmp_path / "profile", script) == [0, 0]
+    assert left_on_paper(paper, tmp_path / "profile") == (0, 0)
 
 
 def test_keys_and_buttons_flip_and_slide(page: Path, tmp_path: Path) -> None:

@@ -146,3 +146,25 @@ def voxel_from_texel(texel: mi.UInt32, level: LevelLayout) -> mi.Vector3i:
             for axis in range(3)
         ]
     )
+
+
+def gather_own(
+    arrays: Sequence[mi.Float], number: mi.UInt32, index: mi.UInt32, active: mi.Bool
+) -> mi.Float:
+    """Return entries of the array that belongs to each lane, such as its level's; else 0.
+
+    Parameters
+    ----------
+    arrays
+        One for each level.
+    number
+        Which of them is the lane's.
+    index
+        Where in it.
+    active
+        Lanes to read; the others get 0.
+    """
+    found = mi.Float(0.0)
+    for each, array in enumerate(arrays):
+        found += dr.gather(mi.Float, array, index, active & (number == each))
+    return found

@@ -225,9 +225,7 @@ def _read_chosen(
     texels: VoxelTexels, around: Neighbourhood, axis: int, side: mi.UInt32
 ) -> tuple[mi.Float, mi.Color3f]:
     """As `_read_axis`, of the one texel that is read."""
-    texel = _chosen_texel(texels, around, axis, side)
-    depth, depth_per_opacity = optical_depth(mi.Float(texel.w))
-    return depth, mi.Color3f(texel.x, texel.y, texel.z) * as_component(depth_per_opacity)
+    return _over_depth(_chosen_texel(texels, around, axis, side))
 
 
 def _side(direction: mi.Vector3f, axis: int) -> mi.UInt32:
@@ -249,9 +247,7 @@ def _read_axis_as_alpha(
     texels: VoxelTexels, around: Neighbourhood, axis: int, side: mi.UInt32
 ) -> tuple[mi.Float, mi.Color3f]:
     """As `_read_axis`, of opacity that is interpolated as alpha along the axis too."""
-    texel = _trilinear(texels, around, axis, side)
-    depth, depth_per_opacity = optical_depth(mi.Float(texel.w))
-    return depth, mi.Color3f(texel.x, texel.y, texel.z) * as_component(depth_per_opacity)
+    return _over_depth(_trilinear(texels, around, axis, side))
 
 
 def _trilinear(
@@ -284,12 +280,17 @@ def _read_axis(
         texel = _across(texels, around, Layer(axis, side, mi.Int32(around.lowest[axis] + along)))
 
         # Along it: what is interpolated is optical depth, and what is emitted over it.
+        layer_depth, layer_emitted = _over_depth(texel)
         layer_weight = around.weights[axis][along]
-        layer_depth, depth_per_opacity = optical_depth(mi.Float(texel.w))
         depth = dr.fma(layer_weight, layer_depth, depth)
-        layer_emitted = mi.Color3f(texel.x, texel.y, texel.z) * as_component(depth_per_opacity)
         emitted = dr.fma(as_component(layer_weight), layer_emitted, emitted)
     return depth, emitted
+
+
+def _over_depth(texel: mi.Vector4f) -> tuple[mi.Float, mi.Color3f]:
+    """Optical depth of a texel's opacity, and the radiance emitted over that depth."""
+    depth, depth_per_opacity = optical_depth(mi.Float(texel.w))
+    return depth, mi.Color3f(texel.x, texel.y, texel.z) * as_component(depth_per_opacity)
 
 
 def optical_depth(opacity: mi.Float) -> tuple[mi.Float, mi.Float]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from vctgi.scene.lights import emitter_kind
+from vctgi.scene.registry import registry_number
 from vctgi.scene.shapes import list_shapes
 from vctgi.scene.surfaces import VoxelSurfaces, opaque_surfaces
 from vctgi.scene.triangles import is_degenerate
@@ -51,7 +51,5 @@ def list_emissive_surfaces(scene: mi.Scene) -> EmissiveSurfaces:
     surfaces.uv = np.concatenate(uv)
     which = np.concatenate(owner) if owner else np.zeros(0, dtype=np.int64)
     surfaces.shape_index = which
-    numbers = [
-        int(mi.UInt32(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(each)))[0]) for each in emitters
-    ]
+    numbers = [registry_number(mi.EmitterPtr(each)) for each in emitters]
     return EmissiveSurfaces(surfaces, np.array(numbers, dtype=np.uint32)[which], emitters)

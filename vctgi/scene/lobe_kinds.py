@@ -11,10 +11,10 @@ from collections.abc import Iterable
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from vctgi.maths.lobes import TABLES
 from vctgi.scene.materials import inside_two_sided
+from vctgi.scene.registry import registry_number, table_by_number
 
 COATED = {"RoughConductor": False, "RoughPlastic": True}
 """Mitsuba classes whose specular lobe has a table: whether it has a dielectric's Fresnel factor."""
@@ -43,13 +43,7 @@ def list_lobe_kinds(bsdfs: Iterable[mi.BSDF]) -> mi.UInt32 | None:
         BSDFs of a scene. Numbers are those of Mitsuba's registry; those of other BSDFs read
         `NO_TABLE`, or lie behind the end.
     """
-    found: dict[int, int] = {}
-    for bsdf in bsdfs:
-        pointer = mi.BSDFPtr(bsdf)
-        number = mi.UInt32(dr.reinterpret_array(mi.UInt32, pointer))
-        found[int(number[0])] = lobe_table(bsdf)
+    found = {registry_number(mi.BSDFPtr(bsdf)): lobe_table(bsdf) for bsdf in bsdfs}
     if all(kind == NO_TABLE for kind in found.values()):
         return None
-    kinds = np.full(max(found) + 1, NO_TABLE, dtype=np.uint32)
-    kinds[list(found)] = list(found.values())
-    return mi.UInt32(kinds)
+    return table_by_number(found, NO_TABLE)

@@ -6,11 +6,11 @@ from collections.abc import Iterable
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from vctgi.maths.directions import random_unit
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.materials import nested_bsdfs
+from vctgi.scene.registry import read_by_number, registry_number, table_by_number
 
 ALBEDO_SAMPLES = 2
 """BSDF samples for each texel; many texels light a voxel."""
@@ -27,17 +27,11 @@ def list_plain_bsdfs(bsdfs: Iterable[mi.BSDF]) -> mi.UInt32:
     """
     found: dict[int, int] = {}
     for bsdf in bsdfs:
-        number = mi.UInt32(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf)))
         sides = nested_bsdfs(bsdf) if bsdf.class_name() == "TwoSidedBRDF" else [bsdf]
         is_plain = all(each.class_name() == PLAIN for each in sides)
         kind = ONE_SIDED if sides[0] is bsdf else TWO_SIDED
-        found[int(number[0])] = kind if is_plain else SAMPLED
-    # Two at least, or Dr.Jit makes it a constant.
-    kinds = np.full(max([1, *found]) + 1, SAMPLED, dtype=np.uint32)
-    kinds[list(found)] = list(found.values())
-    table = mi.UInt32(kinds.tolist())
-    dr.make_opaque(table)
-    return table
+        found[registry_number(mi.BSDFPtr(bsdf))] = kind if is_plain else SAMPLED
+    return table_by_number(found, SAMPLED)
 
 
 PLAIN = "SmoothDiffuse"
@@ -56,9 +50,7 @@ def plain_or_sampled_albedo(
     plain
         What `list_plain_bsdfs` returned for the BSDFs of the scene.
     """
-    number = mi.UInt32(dr.reinterpret_array(mi.UInt32, si.bsdf()))
-    is_listed = active & (number < dr.width(plain))
-    kind = dr.gather(mi.UInt32, plain, number, is_listed)
+    kind, is_listed = read_by_number(plain, si.bsdf(), active)
     is_read = is_listed & (kind != SAMPLED)
     cosine = mi.Frame3f.cos_theta(si.wi)
     is_front = (cosine > 0.0) | ((kind == TWO_SIDED) & (cosine < 0.0))

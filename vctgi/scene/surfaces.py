@@ -24,6 +24,7 @@ from vctgi.maths.stub_gaps import as_mask
 from vctgi.scene.camera import survey_rays
 from vctgi.scene.extent import half_extent
 from vctgi.scene.materials import Material
+from vctgi.scene.registry import registry_number, registry_numbers
 from vctgi.scene.triangles import LiveCorners, SceneTriangles
 
 SURVEY_RESOLUTION = 192
@@ -168,16 +169,11 @@ def _survey(scene: mi.Scene, sensor: mi.Sensor, triangles: SceneTriangles) -> np
 
 def _face_lookup(scene: mi.Scene, triangles: SceneTriangles) -> tuple[mi.Int32, mi.Int32]:
     """Return the first face of each shape by its registry number, and the triangle of each face."""
-    numbers = [int(_registry_number(mi.ShapePtr(shape))[0]) for shape in scene.shapes()]
+    numbers = [registry_number(mi.ShapePtr(shape)) for shape in scene.shapes()]
     first = np.full(max(numbers, default=0) + 1, -1)
     for shape, start in triangles.first_face:
-        first[int(_registry_number(mi.ShapePtr(shape))[0])] = start
+        first[registry_number(mi.ShapePtr(shape))] = start
     return mi.Int32(first.astype(np.int32)), mi.Int32(triangles.kept.astype(np.int32))
-
-
-def _registry_number(shape: mi.ShapePtr) -> mi.UInt32:
-    """Return the number that Dr.Jit knows a shape by, 0 for none."""
-    return mi.UInt32(dr.reinterpret_array(mi.UInt32, shape))
 
 
 def _count(
@@ -188,7 +184,7 @@ def _count(
     kept: mi.Int32,
 ) -> None:
     """Add one vote for the side that each ray hit."""
-    number = _registry_number(si.shape)
+    number = registry_numbers(si.shape)
     # Opaque: registry numbers differ from scene to scene, and kernels should not.
     is_known = si.is_valid() & (number < dr.opaque(mi.UInt32, dr.width(first_face)))
     start = dr.gather(mi.Int32, first_face, number, is_known)

@@ -25,6 +25,7 @@ from vctgi.maths.lobes import TABLES, read_lobe_cone
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.forward_mode import ready_for_forward_mode
 from vctgi.scene.records import GBuffer
+from vctgi.scene.registry import read_by_number
 
 LobeCones = Literal["sampled", "fitted"]
 """Where cones of lobes come from: samples of the BSDF, or its table where it has one."""
@@ -277,9 +278,7 @@ def _fitted_cone(
     active: mi.Bool,
 ) -> _FittedCone:
     """Read the cone of each point's lobe from the table of its distribution."""
-    number = mi.UInt32(dr.reinterpret_array(mi.UInt32, bsdf))
-    active &= number < dr.width(lobe_kinds)
-    kind = dr.gather(mi.UInt32, lobe_kinds, number, active)
+    kind, active = read_by_number(lobe_kinds, bsdf, active)
     active &= kind < len(TABLES)
     alpha = mi.Float(bsdf.eval_attribute_1("alpha", si, as_mask(active)))
     to_viewer = mi.Vector3f(si.to_world(si.wi))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -35,6 +36,11 @@ ALBEDO, SCATTERINGS = 0.99, 6
 def checks() -> list[Check]:
     """Return the checks of extreme values."""
     scene = "Cornell box with a rough metal ball"
+
+    def finite(name: str, measure: Callable[[StudyContext], Measured]) -> Check:
+        how = "reverse mode; finite, no limit"
+        return Check(name=name, configuration=how, scene=scene, measure=measure, in_quick=False)
+
     return [
         *(
             Check(
@@ -50,22 +56,16 @@ def checks() -> list[Check]:
             for factor in RADIANCES
         ),
         *(
-            Check(
-                name=f"cones of {aperture:g} radians, derivative by their share over the mean",
-                configuration="reverse mode; finite, no limit",
-                scene=scene,
-                measure=partial(_aperture, aperture=aperture),
-                in_quick=False,
+            finite(
+                f"cones of {aperture:g} radians, derivative by their share over the mean",
+                partial(_aperture, aperture=aperture),
             )
             for aperture in APERTURES
         ),
         *(
-            Check(
-                name=f"opacity exponent of {exponent:g}, derivative by its share over the mean",
-                configuration="reverse mode; finite, no limit",
-                scene=scene,
-                measure=partial(_exponent, exponent=exponent),
-                in_quick=False,
+            finite(
+                f"opacity exponent of {exponent:g}, derivative by its share over the mean",
+                partial(_exponent, exponent=exponent),
             )
             for exponent in EXPONENTS
         ),

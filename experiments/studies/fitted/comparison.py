@@ -11,7 +11,6 @@ import vctgi
 from experiments.optimize.findings import Measured as Ratio
 from experiments.optimize.findings import gathering_times, ratio_of_means
 from experiments.optimize.frames import FrameSource
-from experiments.optimize.statistics import RAY_WORK
 from experiments.studies.check import StudyContext
 from experiments.studies.fitted.budget import EFFORT, PRESET, study_view
 
@@ -55,6 +54,7 @@ def _comparison(context: StudyContext, scene: str, preset: str) -> Comparison:
     errors: tuple[list[float], list[float]] = ([], [])
     samples: tuple[list[float], list[float]] = ([], [])
     rays: tuple[list[float], list[float]] = ([], [])
+    work: tuple[list[float], list[float]] = ([], [])
     places = EFFORT[context.quick].places
     for number in range(places):
         context.progress(f"{preset} in {view.name.title}", number / places)
@@ -63,7 +63,7 @@ def _comparison(context: StudyContext, scene: str, preset: str) -> Comparison:
             errors[which].append(view.target.error(picture.image))
             samples[which].append(picture.cost.samples)
             rays[which].append(picture.cost.rays)
-    work = (_work(samples[0], rays[0]), _work(samples[1], rays[1]))
+            work[which].append(picture.cost.work)
     before, after = gathering_times(view, configs, source)
     return Comparison(
         error=ratio_of_means(errors[1], errors[0]),
@@ -72,11 +72,6 @@ def _comparison(context: StudyContext, scene: str, preset: str) -> Comparison:
         work=_ratio(work),
         milliseconds=after / before,
     )
-
-
-def _work(samples: Sequence[float], rays: Sequence[float]) -> list[float]:
-    """Return what frames take, from what they read."""
-    return [read + RAY_WORK * traced for read, traced in zip(samples, rays, strict=True)]
 
 
 def _ratio(pair: tuple[Sequence[float], Sequence[float]]) -> float:

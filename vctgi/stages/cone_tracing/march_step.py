@@ -136,28 +136,23 @@ def _of_levels(read: Callable[[mi.UInt32], Read], volume: VoxelVolume, level: mi
     finer = dr.minimum(mi.UInt32(level), max(last - 1, 0))
     coarser = dr.minimum(finer + 1, last)
     if choice is None:
-        return _mixed(read(finer), read(coarser), level - mi.Float(finer))
+        blend = level - mi.Float(finer)
+        return _part_by_part(
+            lambda near, far: dr.lerp(near, far, blend), read(finer), read(coarser)
+        )
     found = read(dr.minimum(mi.UInt32(level + choice.level), last))
     if not dr.grad_enabled(level):
         return found
     with dr.suspend_grad():  # type: ignore[no-untyped-call]
         near, far = read(finer), read(coarser)
     moved = level - dr.detach(level)
-    parts = (getattr(each, part.name) for part in fields(found) for each in (found, near, far))
-    triples = zip(parts, parts, parts, strict=True)
-    return type(found)(*(own + _wide(moved, own) * (b - a) for own, a, b in triples))
+    return _part_by_part(lambda own, near, far: own + moved * (far - near), found, near, far)
 
 
-def _mixed(near: Read, far: Read, blend: mi.Float) -> Read:
-    """Return what lies between two reads."""
-    names = [part.name for part in fields(near)]
-    pairs = [(getattr(near, name), getattr(far, name)) for name in names]
-    return type(near)(*(dr.lerp(a, b, _wide(blend, a)) for a, b in pairs))
-
-
-def _wide(weight: mi.Float, value: mi.Float | mi.Color3f) -> Any:
-    """Return a weight that multiplies a number or a colour, for type checkers."""
-    return as_component(weight) if isinstance(value, mi.Color3f) else weight
+def _part_by_part(combine: Callable[..., Any], *reads: Read) -> Read:
+    """Return what is made of each part of reads."""
+    parts = ([getattr(each, part.name) for each in reads] for part in fields(reads[0]))
+    return type(reads[0])(*(combine(*values) for values in parts))
 
 
 def level_read(

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.addressing import texel_from_voxel
+from vctgi.clipmap.addressing import gather_own, texel_from_voxel
 from vctgi.clipmap.slots import filled_layers, surface_slot
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
 from vctgi.maths.directions import DIRECTION_COUNT
@@ -214,10 +214,8 @@ class _Target:
         """Return the number of a slot among those of all levels, and its opacity."""
         count = self.levels[0].voxel_count
         index = texel_from_voxel(voxel, self.levels[0].resolution) + direction * count
-        alpha = mi.Float(0.0)
-        for each in self.levels:
-            is_own = active & (level == each.level)
-            alpha += dr.gather(mi.Float, self.opacity.levels[each.level], index, is_own)
+        alphas = self.opacity.levels[: len(self.levels)]
+        alpha = gather_own(alphas, level, index, active)
         return index + level * (DIRECTION_COUNT * count), alpha
 
 

@@ -68,7 +68,7 @@ def trace_all_levels(
         stale = [each for each in levels if (index, each.level) not in held]
         if stale:
             cells = Cells(scene, lights[index], stale, sizes.of_distant)
-            texels, counts = _light_distant(scene, cells, opacity, plain, index, recorder)
+            texels, counts = _light_distant(scene, cells, opacity, plain, recorder)
             if kept is None or index not in same or dr.grad_enabled(texels):
                 # A light that changes from frame to frame is not worth parting by levels.
                 found.append(texels)
@@ -104,10 +104,9 @@ def _light_distant(
     cells: Cells,
     opacity: OpacityClipmap,
     plain: mi.UInt32,
-    index: int,
     recorder: Recorder | None,
 ) -> tuple[LightTexels, list[int]]:
-    """Return what a light from outside lights, and rays of each window; `index` is its place."""
+    """Return what a light from outside lights, and rays of each window."""
     dealt, counts = cells.deal(scene, opacity, recorder)
     lane, starts = lanes_of(counts)
 
@@ -125,8 +124,7 @@ def _light_distant(
 
     if recorder is not None:
         dr.make_opaque(dealt, lane)
-    # Its name, not its place: lights that are dark are not among those of the frame.
-    key = ("light from outside", cells.light.name, index, cells.key)
+    key = ("light from outside", cells.key)
     inputs = (scene, plain, cells.windows, dealt, lane, starts)
     return run_recorded(recorder, key, light, *inputs), counts
 

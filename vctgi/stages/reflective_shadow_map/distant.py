@@ -144,9 +144,13 @@ class Cells:
         self.windows = Windows.of(levels, bounds, numbers, farthest)
 
     @property
-    def key(self) -> tuple[int, ...]:
-        """All numbers that rays depend on besides arrays."""
-        return self.axis_count, self.per_axis, len(self.levels), self.resolution
+    def key(self) -> tuple[str | int, ...]:
+        """All that rays depend on besides arrays.
+
+        The light by its name, not by its place: dark lights are not among those of a frame.
+        """
+        numbers = (self.axis_count, self.per_axis, len(self.levels), self.resolution)
+        return self.light.name, *numbers
 
     def deal(
         self, scene: mi.Scene, opacity: OpacityClipmap | None, recorder: Recorder | None = None
@@ -161,7 +165,7 @@ class Cells:
         ) -> tuple[mi.Float, mi.UInt32]:
             return self.pilot(scene, windows, opacity, rule)
 
-        key = ("pilot", self.light.name, self.key, rule)
+        key = ("pilot", self.key, rule)
         weight, landing = run_recorded(recorder, key, pilot, scene, self.windows, own)
         least = max(most_rays, self.count)
         counts = [least] * len(self.levels)

@@ -23,6 +23,7 @@ from vctgi.maths.number_rows import FloatRow, start_of_row
 from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.extent import half_extent_number
 from vctgi.scene.lights import Light
+from vctgi.scene.registry import registry_number
 from vctgi.stages.reflective_shadow_map.landing import meets_front
 
 LEAST_TEXELS = 64
@@ -99,7 +100,7 @@ def lamp_rays(
     total = int(counts.sum())
     firsts = np.cumsum(counts) - counts
     edges = np.maximum(np.sqrt(counts).round(), 1)
-    numbers = [_registry_number(light) for light in lights]
+    numbers = [registry_number(mi.EmitterPtr(light.emitter)) for light in lights]
     columns = (firsts, edges, numbers, [_bits(light) for light in lights])
     # All in one table: each array of the host is copied to the device by itself.
     table = lamp_table(np.array(columns, dtype=np.int64).ravel().tolist())
@@ -156,11 +157,6 @@ ONE_PLACE, ONE_DIRECTION, AREA = 1, 2, 4
 def _bits(light: Light) -> int:
     bits = ONE_PLACE * light.is_delta_position + AREA * (light.kind == "AreaLight")
     return bits + ONE_DIRECTION * (light.is_delta_direction and not light.is_delta_position)
-
-
-def _registry_number(light: Light) -> int:
-    """Return the number by which Dr.Jit knows an emitter."""
-    return int(mi.UInt32(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(light.emitter)))[0])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from vctgi.clipmap.addressing import texel_from_voxel
+from vctgi.clipmap.addressing import gather_own, texel_from_voxel
 from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.slots import SlotRule, filled_layers, surface_slot
 from vctgi.maths.directions import face_forward, front_normal
@@ -290,13 +290,6 @@ class LaneWindows:
             inside &= mi.UInt32(voxel[axis] - origin) < self.resolution
         return inside
 
-    def gather(self, arrays: Sequence[mi.Float], index: mi.UInt32, active: mi.Bool) -> mi.Float:
-        """Return entries of arrays, one of which belongs to each window."""
-        found = mi.Float(0.0)
-        for number, array in enumerate(arrays):
-            found += dr.gather(mi.Float, array, index, active & (self.number == number))
-        return found
-
 
 def is_seen(
     si: mi.SurfaceInteraction3f,
@@ -334,7 +327,7 @@ def is_seen(
         voxel[axis] = layer
         index = texel_from_voxel(voxel, resolution) + (2 * axis + slot.side) * resolution**3
         active = seen & is_filled & windows.hold(voxel)
-        has_slot |= active & (windows.gather(opacity, index, active) > 0.0)
+        has_slot |= active & (gather_own(opacity, windows.number, index, active) > 0.0)
     return seen & has_slot
 
 

@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from vctgi.scene.registry import registry_number
 from vctgi.scene.surfaces import VoxelSurfaces
 
 FLAT_NORMAL = 1e-6
@@ -66,7 +67,8 @@ def upload_triangles(
     vertices = surfaces.vertices
     has_masks = bool(surfaces.masks) if has_masks is None else has_masks
     # The last number belongs to no mask, whose index is -1.
-    numbers = np.array([*map(registry_number, surfaces.masks), NO_MASK], dtype=np.uint32)
+    masks = (registry_number(mi.BSDFPtr(each)) for each in surfaces.masks)
+    numbers = np.array([*masks, NO_MASK], dtype=np.uint32)
     return DeviceTriangles(
         corners=[_corners(surfaces, corner) for corner in range(3)],
         low=mi.Float(_rounded(vertices.min(axis=1), -np.inf)),
@@ -109,8 +111,3 @@ def unit_normals(vertices: np.ndarray) -> np.ndarray:
     # A wall that rounding tilts a little must not gain a slot across its plane.
     normal[np.abs(normal) < FLAT_NORMAL] = 0.0
     return normal
-
-
-def registry_number(bsdf: mi.BSDF) -> int:
-    """Return the number by which Dr.Jit knows a BSDF."""
-    return int(mi.UInt32(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf)))[0])
