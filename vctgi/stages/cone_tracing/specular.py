@@ -13,8 +13,8 @@ into a cone in the middle and a ring of cones around it, which cover the same so
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Literal, get_args
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -27,16 +27,17 @@ from vctgi.maths.evaluation import with_boundary
 from vctgi.maths.stub_gaps import as_component
 from vctgi.scene.records import FilmSample, GBuffer
 from vctgi.scene.sky import PrefilteredSky
-from vctgi.stages.cone_tracing.march import ConeMarchConfig, march_cone
+from vctgi.stages.cone_tracing.march import march_cone
+from vctgi.stages.cone_tracing.packed_lanes import pack_lanes
+from vctgi.stages.cone_tracing.specular_config import PhaseNoise as PhaseNoise
+from vctgi.stages.cone_tracing.specular_config import SpecularConesConfig as SpecularConesConfig
+from vctgi.stages.cone_tracing.specular_config import specular_march as specular_march
 from vctgi.stages.cone_tracing.tally import SampleTally
 
 WIDEST_CONE = 0.95 * math.pi
 """Aperture at which a cone becomes a half space and its footprint infinite; wider lobes are traced
 as a cone of this one."""
 
-
-PhaseNoise = Literal["none", "random", "blue"]
-"""What decides the share of its first step that a cone takes: nothing, a hash, the pixel."""
 
 BLUE_NOISE = (
     *(12, 4, 7, 3),
@@ -52,80 +53,6 @@ PATTERN_EDGE = 4
 
 SAMPLE_TURN = 0.5 * (math.sqrt(5.0) - 1.0)
 """Share of a step by which the pattern is shifted from one sample of a pixel to the next."""
-
-
-ROUGH_CONE_COUNTS = range(4, 14)
-"""Cones that a rough lobe can be split into."""
-
-
-def specular_march(step_voxels: float) -> ConeMarchConfig:
-    """Return a march by steps of so many voxels of the level that is read; the talk's are 1.0.
-
-    Parameters
-    ----------
-    step_voxels
-        (0, 2]: voxels that are read are half as wide as the cone, where the finest level allows.
-    """
-    level_bias = -1.0
-    return ConeMarchConfig(
-        step_ratio=step_voxels * 2.0**level_bias,
-        min_step_voxels=step_voxels,
-        level_bias=level_bias,
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class SpecularConesConfig:
-    """How specular cones are traced."""
-
-    min_aperture: float = 0.01
-    """Full apex angle of the cone of a perfect mirror, radians, > 0."""
-    noise: PhaseNoise = "random"
-    """Share of its first step that each cone takes: "none" (the whole step), "random", or "blue":
-    one of 16 by the place of its pixel."""
-    aperture_scale: float = 1.0
-    """Factor on the apertures of all lobes, > 0."""
-    rough_cone_count: int = 7
-    """Cones of a rough lobe: 1 (never split), or one and a ring of 3 to 12 around it."""
-    rough_aperture: float = 0.5
-    """Full apex angle from which on a lobe is rough, radians, > 0. The cones part gradually, and
-    cover their lobe from twice this angle on."""
-    phase_offset: float = 0.0
-    """Added to that share by all cones alike, modulo 1, in [0, 1); a sweep of it shows banding."""
-    march: ConeMarchConfig = field(
-        default_factory=lambda: ConeMarchConfig(min_step_voxels=0.5, level_bias=-1.0)
-    )
-    """How the cones march."""
-
-    def __post_init__(self) -> None:
-        """Refuse cones without a footprint."""
-        if not self.min_aperture > 0.0:
-            raise ValueError(
-                f"SpecularConesConfig.min_aperture must be > 0, got {self.min_aperture}."
-            )
-        if self.rough_cone_count != 1 and self.rough_cone_count not in ROUGH_CONE_COUNTS:
-            raise ValueError(
-                "SpecularConesConfig.rough_cone_count must be 1 or "
-                f"{ROUGH_CONE_COUNTS.start}..{ROUGH_CONE_COUNTS.stop - 1}, "
-                f"got {self.rough_cone_count}."
-            )
-        if not self.aperture_scale > 0.0:
-            raise ValueError(
-                f"SpecularConesConfig.aperture_scale must be > 0, got {self.aperture_scale}."
-            )
-        if not self.rough_aperture > 0.0:
-            raise ValueError(
-                f"SpecularConesConfig.rough_aperture must be > 0, got {self.rough_aperture}."
-            )
-        if self.noise not in get_args(PhaseNoise):
-            raise ValueError(
-                f"SpecularConesConfig.noise must be one of {get_args(PhaseNoise)}, "
-                f"got {self.noise!r}."
-            )
-        if not 0.0 <= self.phase_offset < 1.0:
-            raise ValueError(
-                f"SpecularConesConfig.phase_offset must be in [0, 1), got {self.phase_offset}."
-            )
 
 
 @dataclass
@@ -184,73 +111,124 @@ def trace_specular(
     ValueError
         Blue noise for points that have no place in a picture.
     """
-    noise = _noise(gbuffer, config, film)
-    reflected = passed = dr.zeros(mi.Color3f, dr.width(gbuffer.position))
+    trace = _Tracing(volume, config, sky, tally)
+    width = dr.width(gbuffer.position)
+    reflected = passed = dr.zeros(mi.Color3f, width)
+    points = _Points(
+        position=gbuffer.position,
+        normal=gbuffer.normal,
+        axis=gbuffer.specular_axis,
+        aperture=gbuffer.specular_aperture,
+        noise=_noise(gbuffer, config, film) + dr.zeros(mi.Float, width),
+        sample_index=gbuffer.sample_index,
+        is_traced=gbuffer.is_valid & (dr.max(gbuffer.specular_albedo) > 0.0),
+    )
     if has_specular:
-        reflected = _trace_lobe(gbuffer, volume, config, noise, sky, tally)
+        reflected = _trace_lobe(points, trace)
     if has_passing:
-        narrow = _Cone(gbuffer.ray_direction, mi.Float(config.min_aperture), PASSING)
-        active = gbuffer.is_valid & (dr.max(gbuffer.passed) > 0.0)
-        share = _first_step_share(noise)
-        passed = _trace(gbuffer, volume, narrow, share, config, sky, active, tally)
+        straight = replace(
+            points,
+            axis=gbuffer.ray_direction,
+            is_traced=gbuffer.is_valid & (dr.max(gbuffer.passed) > 0.0),
+        )
+        passed = trace(straight, lambda points: _straight(points, config))
     return SpecularLight(reflected, passed)
 
 
 @dataclass
+class _Points:
+    """Where cones start, one a lane, and what tells them apart.
+
+    Attributes
+    ----------
+    position, normal
+        Of the surface.
+    axis, aperture
+        Mean direction of its lobe, and the full apex angle of that.
+    noise
+        Of which the fraction counts.
+    sample_index
+        Chooses random numbers.
+    is_traced
+        Whether it has a lobe.
+    """
+
+    position: mi.Point3f
+    normal: mi.Vector3f
+    axis: mi.Vector3f
+    aperture: mi.Float
+    noise: mi.Float
+    sample_index: mi.UInt32
+    is_traced: mi.Bool
+
+
+@dataclass
 class _Cone:
-    """Unit axis and full apex angle of one cone a lane, and which of its point's cones it is."""
+    """One cone a lane.
+
+    Attributes
+    ----------
+    axis, aperture
+        Unit direction and full apex angle.
+    number
+        Which of its point's cones it is.
+    noise
+        Of which the fraction is left out of its first step.
+    is_traced
+        Whether there is one.
+    """
 
     axis: mi.Vector3f
     aperture: mi.Float
-    number: mi.UInt32 | int
+    number: mi.UInt32
+    noise: mi.Float
+    is_traced: mi.Bool
 
 
-def _trace_lobe(
-    gbuffer: GBuffer,
-    volume: VoxelVolume,
-    config: SpecularConesConfig,
-    noise: mi.Float,
-    sky: PrefilteredSky | None,
-    tally: SampleTally | None,
-) -> mi.Color3f:
+def _straight(points: _Points, config: SpecularConesConfig) -> _Cone:
+    """Return the cones straight through surfaces."""
+    aperture, number = mi.Float(config.min_aperture), mi.UInt32(PASSING)
+    return _Cone(points.axis, aperture, number, points.noise, points.is_traced)
+
+
+def _trace_lobe(points: _Points, trace: _Tracing) -> mi.Color3f:
     """Mean radiance over each point's lobe."""
-    # A lobe that is wider than a cone can be ends at WIDEST_CONE.
-    aperture = gbuffer.specular_aperture
-    if config.aperture_scale != 1.0:
-        aperture = aperture * config.aperture_scale
-    aperture = dr.clip(aperture, config.min_aperture, WIDEST_CONE)
-    lobe = _Cone(gbuffer.specular_axis, aperture, 0)
-    active = gbuffer.is_valid & (dr.max(gbuffer.specular_albedo) > 0.0)
-    count = config.rough_cone_count
-    if count == 1:
-        return _trace(gbuffer, volume, lobe, _first_step_share(noise), config, sky, active, tally)
-    is_rough = active & (aperture > config.rough_aperture)
-    total = dr.zeros(mi.Color3f, dr.width(gbuffer.position))
-    total_weight = dr.zeros(mi.Float, dr.width(gbuffer.position))
+    config, count = trace.config, trace.config.rough_cone_count
+    width = dr.width(points.position)
+    total, total_weight = dr.zeros(mi.Color3f, width), dr.zeros(mi.Float, width)
     for number in range(count):
         # Opaque, so that all cones share one kernel.
-        place = dr.opaque(mi.UInt32, number)
-        part = with_boundary(lobe)
-        cone = _part_of_lobe(part, place, count, noise, config.rough_aperture)
-        is_above = dr.dot(cone.axis, gbuffer.normal) > 0.0
-        is_traced = dr.select(place == 0, active, is_rough & is_above)
-        share = _first_step_share(noise + SAMPLE_TURN * mi.Float(place))
-        seen = _trace(gbuffer, volume, cone, share, config, sky, is_traced, tally)
-        total += dr.select(is_traced, seen, 0.0)
-        total_weight += dr.select(is_traced, 1.0, mi.Float(0.0))
+        place = mi.UInt32(0) if count == 1 else dr.opaque(mi.UInt32, number)
+
+        def cone_of(points: _Points, place: mi.UInt32 = place) -> _Cone:
+            return _part_of_lobe(points, place, config)
+
+        part = with_boundary(points)
+        seen = trace(part, cone_of)
+        if count == 1:
+            return seen
+        total += seen
+        total_weight += dr.select(cone_of(part).is_traced, 1.0, mi.Float(0.0))
         dr.eval(total, total_weight)
     return mi.Color3f(total / as_component(dr.maximum(total_weight, 1.0)))
 
 
-def _part_of_lobe(
-    lobe: _Cone, number: mi.UInt32, count: int, noise: mi.Float, rough_aperture: float
-) -> _Cone:
+def _part_of_lobe(points: _Points, number: mi.UInt32, config: SpecularConesConfig) -> _Cone:
     """Return one of the cones that share a lobe evenly: number 0 in the middle, a ring of others.
 
-    Up to `rough_aperture` all of them are the lobe, so that no seam shows where it is crossed.
+    Up to `rough_aperture` all of them are the lobe, so that no seam shows where it is crossed; of
+    lobes below it only the first is traced.
     """
-    parting = dr.clip(lobe.aperture / rough_aperture - 1.0, 0.0, 1.0)
-    height = 1.0 - dr.cos(0.5 * lobe.aperture)
+    aperture = points.aperture
+    if config.aperture_scale != 1.0:
+        aperture = aperture * config.aperture_scale
+    # A lobe that is wider than a cone can be ends at WIDEST_CONE.
+    aperture = mi.Float(dr.clip(aperture, config.min_aperture, WIDEST_CONE))
+    count, noise = config.rough_cone_count, points.noise
+    if count == 1:
+        return _Cone(points.axis, aperture, number, noise, points.is_traced)
+    parting = dr.clip(aperture / config.rough_aperture - 1.0, 0.0, 1.0)
+    height = 1.0 - dr.cos(0.5 * aperture)
     part = 2.0 * dr.acos(1.0 - height / count)
     # The ring holds the shares from 1 / count to 1; half of its light lies within their mean.
     from_axis = parting * dr.acos(1.0 - height * (0.5 + 0.5 / count))
@@ -259,8 +237,15 @@ def _part_of_lobe(
     axis_sine, axis_cosine = dr.sincos(from_axis)
     sine, cosine = dr.sincos(2.0 * math.pi * turn)
     local = mi.Vector3f(axis_sine * cosine, axis_sine * sine, axis_cosine)
-    axis = mi.Vector3f(mi.Frame3f(lobe.axis).to_world(local))
-    return _Cone(axis, mi.Float(dr.lerp(lobe.aperture, part, parting)), number)
+    axis = mi.Vector3f(mi.Frame3f(points.axis).to_world(local))
+    is_rough = (aperture > config.rough_aperture) & (dr.dot(axis, points.normal) > 0.0)
+    return _Cone(
+        axis=axis,
+        aperture=mi.Float(dr.lerp(aperture, part, parting)),
+        number=number,
+        noise=noise + SAMPLE_TURN * mi.Float(number),
+        is_traced=points.is_traced & ((number == 0) | is_rough),
+    )
 
 
 def _noise(gbuffer: GBuffer, config: SpecularConesConfig, film: FilmSample | None) -> mi.Float:
@@ -276,11 +261,6 @@ def _noise(gbuffer: GBuffer, config: SpecularConesConfig, film: FilmSample | Non
             'pass `film`, or set SpecularConesConfig.noise to "random".'
         )
     return mi.Float(offset + blue_noise_phase(film, dr.width(gbuffer.position)))
-
-
-def _first_step_share(noise: mi.Float) -> mi.Float:
-    """Share of its first step that a cone takes, (0, 1]."""
-    return mi.Float(1.0 - (noise - dr.floor(noise)))
 
 
 def blue_noise_phase(film: FilmSample, width: int) -> mi.Float:
@@ -300,32 +280,54 @@ def blue_noise_phase(film: FilmSample, width: int) -> mi.Float:
     return mi.Float((mi.Float(rank) + 0.5) / len(BLUE_NOISE) + shift)
 
 
-def _trace(
-    gbuffer: GBuffer,
-    volume: VoxelVolume,
-    cone: _Cone,
-    first_step_share: mi.Float,
-    config: SpecularConesConfig,
-    sky: PrefilteredSky | None,
-    active: mi.Bool,
-    tally: SampleTally | None,
-) -> mi.Color3f:
-    """Radiance along one cone of each active point."""
-    ratio = 2.0 * dr.tan(0.5 * cone.aperture)
-    number = FIRST_NUMBER + mi.UInt32(cone.number)
-    choice = random_choice(gbuffer.sample_index, number, config.march.filtering)
-    chosen = volume.choosing(choice)
-    seen = march_cone(
-        chosen, gbuffer.position, cone.axis, ratio, first_step_share, config.march, active
-    )
-    if tally is not None:
-        tally.add(seen, active)
-    radiance = seen.radiance
-    if sky is not None:
-        beyond = sky.read(cone.axis, cone.aperture) * as_component(seen.transmittance)
-        radiance += dr.select(active, beyond, 0.0)
-    dr.eval(radiance)
-    return radiance
+@dataclass
+class _Tracing:
+    """What cones are traced in, how, and who counts."""
+
+    volume: VoxelVolume
+    config: SpecularConesConfig
+    sky: PrefilteredSky | None
+    tally: SampleTally | None
+
+    def __call__(self, points: _Points, cone_of: Callable[[_Points], _Cone]) -> mi.Color3f:
+        """Radiance along one cone of each point, 0 where it has none."""
+        active = cone_of(points).is_traced
+        if self.volume.has_derivatives or dr.grad_enabled(points):
+            radiance = self._march(points, cone_of(points), active)
+            dr.eval(radiance)
+            return radiance
+        # Few pixels of a picture shine or let light through.
+        width = dr.width(points.position)
+        dr.eval(points)
+        packed = pack_lanes(active, width)
+        here = dr.gather(_Points, points, packed.source, packed.active)
+        found = self._march(here, cone_of(here), packed.active)
+        radiance = dr.zeros(mi.Color3f, width)
+        dr.scatter(radiance, found, packed.source, packed.active)
+        dr.eval(radiance)
+        return radiance
+
+    def _march(self, points: _Points, cone: _Cone, active: mi.Bool) -> mi.Color3f:
+        """Radiance along cones that start at points; 0 of those that are not active."""
+        config = self.config
+        number = FIRST_NUMBER + cone.number
+        choice = random_choice(points.sample_index, number, config.march.filtering)
+        seen = march_cone(
+            self.volume.choosing(choice),
+            points.position,
+            cone.axis,
+            2.0 * dr.tan(0.5 * cone.aperture),
+            mi.Float(1.0 - (cone.noise - dr.floor(cone.noise))),
+            config.march,
+            active,
+        )
+        if self.tally is not None:
+            self.tally.add(seen, active)
+        radiance = seen.radiance
+        if self.sky is not None:
+            beyond = self.sky.read(cone.axis, cone.aperture) * as_component(seen.transmittance)
+            radiance += dr.select(active, beyond, 0.0)
+        return radiance
 
 
 PHASE_STREAM = 101
