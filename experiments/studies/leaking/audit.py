@@ -23,6 +23,7 @@ from vctgi.maths.stub_gaps import as_component, as_mask
 from vctgi.scene.extent import half_extent
 from vctgi.scene.records import GBuffer
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig, DiffuseLanes, diffuse_lanes
+from vctgi.stages.cone_tracing.lane_order import cone_after_cone
 from vctgi.stages.cone_tracing.near_field import trace_near_field
 
 PROBE_COUNT = 8
@@ -109,7 +110,8 @@ def audit_points(
             "audit_points: ConeMarchConfig.filtering chooses texels, and the audit follows all "
             'that are interpolated; set it to "linear".'
         )
-    lanes = diffuse_lanes(gbuffer, volume, cones, config)
+    table = cone_after_cone(dr.width(gbuffer.position), cones.cone_count)
+    lanes = diffuse_lanes(gbuffer, volume, cones, config, order=table)
     active, reach = lanes.active, dr.zeros(mi.Float, dr.width(lanes.ratio))
     near_light = dr.zeros(mi.Color3f, dr.width(lanes.ratio))
     if config.near_field_voxels > 0.0:

@@ -21,6 +21,7 @@ from vctgi.maths.constant_tables import float_table
 from vctgi.maths.directions import random_unit
 from vctgi.scene.extent import longest_edge
 from vctgi.scene.records import GBuffer
+from vctgi.stages.cone_tracing.lane_order import LaneOrder
 from vctgi.stages.cone_tracing.live_march import AnyMarch, LiveMarch
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, march_cone
 from vctgi.stages.cone_tracing.near_field import trace_near_field
@@ -136,13 +137,13 @@ def _trace_pass(
     cones = ring_cone_set(config.cone_count)
     march, reach = falloff
     points = dr.width(gbuffer.position)
-    # Neighbouring lanes trace the same cone of neighbouring pixels, so that they read alike.
-    lane = dr.arange(mi.UInt32, points * cones.cone_count)
-    point, number = lane % points, lane // points
+    order = LaneOrder.of(cones.cone_count, config.near_field_voxels)
+    lanes = order.deal(points)
+    point, number = lanes.point, lanes.cone
     apex = dr.gather(mi.Point3f, gbuffer.position, point)
     normal = dr.gather(mi.Vector3f, gbuffer.normal, point)
     sample_index = dr.gather(mi.UInt32, gbuffer.sample_index, point)
-    active = dr.gather(mi.Bool, gbuffer.is_valid, point)
+    active = lanes.is_used & dr.gather(mi.Bool, gbuffer.is_valid, point)
 
     turn = 2.0 * math.pi * random_unit(sample_index, ROTATION_STREAM)
     sin, cos = dr.sincos(turn if config.is_rotated else mi.Float(0.0))
@@ -159,7 +160,7 @@ def _trace_pass(
         voxels = config.near_field_voxels
         near = trace_near_field(scene, volume, apex, normal, axis, voxels, active)
         if tally is not None:
-            tally.add_rays(active, dr.width(lane))
+            tally.add_rays(active, dr.width(point))
         hidden = dr.select(near.is_hit, dr.exp(near.distance * (-1.0 / reach)), 0.0)
         active, begin = active & ~near.is_hit, near.reach
     ratio, phase = dr.gather(mi.Float, ratios, number), mi.Float(1.0 - jitter)
@@ -171,9 +172,10 @@ def _trace_pass(
     dr.eval(stopped)
 
     closed = mi.Float(0.0)
-    first = dr.arange(mi.UInt32, points)
-    for place, weight in enumerate(cones.weights):
-        closed = dr.fma(weight, dr.gather(mi.Float, stopped, first + place * points), closed)
+    place = dr.arange(mi.UInt32, points)
+    for each, weight in enumerate(cones.weights):
+        own = dr.gather(mi.Float, stopped, order.lane_of(place, each))
+        closed = dr.fma(weight, own, closed)
     # Weights sum to 1 but for rounding.
     return dr.select(gbuffer.is_valid, 1.0 - dr.minimum(closed, 1.0), 1.0)
 

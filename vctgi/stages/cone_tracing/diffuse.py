@@ -19,6 +19,7 @@ from vctgi.scene.sky import PrefilteredSky
 from vctgi.stages.cone_tracing.cone_values import ConeValues
 from vctgi.stages.cone_tracing.diffuse_config import DiffuseConesConfig as DiffuseConesConfig
 from vctgi.stages.cone_tracing.diffuse_config import Rotation as Rotation
+from vctgi.stages.cone_tracing.lane_order import LaneOrder
 from vctgi.stages.cone_tracing.march import finest_level, march_cone
 from vctgi.stages.cone_tracing.near_field import trace_near_field
 from vctgi.stages.cone_tracing.passes import trace_in_passes
@@ -110,20 +111,21 @@ def _trace_pass(
     dr.eval(radiance)
 
     gathered = mi.Color3f(0.0)
-    first = dr.arange(mi.UInt32, points)
+    place = dr.arange(mi.UInt32, points)
+    order = LaneOrder.of(cones.cone_count, config.near_field_voxels)
     weights: list[float | mi.Float] = list(cones.weights)
     if parameters is not None:
         shares = parameters.normalised_weights()
         weights = [dr.gather(mi.Float, shares, mi.UInt32(k)) for k in range(cones.cone_count)]
     for number, weight in enumerate(weights):
         share = as_component(config.gain * (1.0 if cones.frame == "world" else weight))
-        gathered += share * dr.gather(mi.Color3f, radiance, first + number * points)
+        gathered += share * dr.gather(mi.Color3f, radiance, order.lane_of(place, number))
     return gathered
 
 
 @dataclass
 class DiffuseLanes:
-    """Diffuse cones, one a lane: all points' first cone, then all points' second one, and so on.
+    """Diffuse cones, one a lane.
 
     Attributes
     ----------
@@ -158,12 +160,12 @@ def diffuse_lanes(
     cones: ConeSet,
     config: DiffuseConesConfig,
     parameters: ConeValues | None = None,
+    order: LaneOrder | None = None,
 ) -> DiffuseLanes:
-    """Return the cones of all points."""
-    points = dr.width(gbuffer.position)
-    # Neighbouring lanes trace the same cone of neighbouring pixels, so that they read alike.
-    lane = dr.arange(mi.UInt32, points * cones.cone_count)
-    point, cone = lane % points, lane // points
+    """Return the cones of all points, in an order that is given or fast."""
+    order = order or LaneOrder.of(cones.cone_count, config.near_field_voxels)
+    lanes = order.deal(dr.width(gbuffer.position))
+    point, cone = lanes.point, lanes.cone
     sample_index = dr.gather(mi.UInt32, gbuffer.sample_index, point)
     if parameters is None:
         axes = (tuple(d[i] for d in cones.directions) for i in range(3))
@@ -180,7 +182,7 @@ def diffuse_lanes(
     axis = _world_axes(axis_local, normal, sample_index, cones, config)
     apex = dr.gather(mi.Point3f, gbuffer.position, point)
     is_reflecting = gbuffer.is_valid & (dr.max(gbuffer.albedo) > 0.0)
-    active = dr.gather(mi.Bool, is_reflecting, point)
+    active = lanes.is_used & dr.gather(mi.Bool, is_reflecting, point)
     if cones.frame == "world":
         active &= dr.dot(axis, normal) > 0.0
     jitter = random_unit(sample_index, PHASE_STREAM + cone) if config.is_jittered else 0.0

@@ -13,6 +13,7 @@ from vctgi.maths.cones import ring_cone_set, ring_rims, ring_sizes
 from vctgi.parameters import ConeParameters
 from vctgi.scene.receivers import white_receivers
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig, diffuse_lanes, trace_diffuse
+from vctgi.stages.cone_tracing.lane_order import cone_after_cone
 from vctgi.stages.cone_tracing.march import ConeMarchConfig
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -34,7 +35,8 @@ def axes(config: DiffuseConesConfig, *, is_live: bool = False) -> np.ndarray:
     up = np.repeat([[0.0, 0.0, 1.0]], POINTS, axis=0)
     at = white_receivers(np.zeros((POINTS, 3)), up)
     parameters = ConeParameters.from_config(config) if is_live else None
-    lanes = diffuse_lanes(at, glowing_fog(), config.cones(), config, parameters)
+    table = cone_after_cone(POINTS, config.cone_count)
+    lanes = diffuse_lanes(at, glowing_fog(), config.cones(), config, parameters, table)
     return np.array(lanes.axis).T.reshape(COUNT, POINTS, 3)
 
 
