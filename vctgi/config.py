@@ -151,7 +151,7 @@ def _chosen(cones: Cones) -> Cones:
     return replace(cones, march=replace(cones.march, filtering="random_level"))
 
 
-_DEFAULT = RenderConfig()
+_DEFAULT = RenderConfig(storage=StorageConfig(format="auto"))
 
 PRESETS: dict[str, RenderConfig] = {
     "ambient": replace(

@@ -93,7 +93,8 @@ def light_voxels(
         Keeps what is traced; None: nobody does.
     """
     plan, (surfaces, opacity) = prepared.plan, voxels
-    lit = _Lighting(prepared, config, clock, surfaces, opacity, recorder)
+    is_live = prepared.has_derivatives or parameters is not None
+    lit = _Lighting(prepared, config, clock, surfaces, opacity, recorder, is_live)
     if not plan.is_lit:
         return LitVolume(lit.downsampled(opacity, None), CountedLight([], 0))
     if parameters is None and is_by_scatter(config.injection):
@@ -128,6 +129,7 @@ class _Lighting:
     surfaces: VoxelSurfaces
     opacity: OpacityClipmap
     recorder: Recorder | None
+    has_derivatives: bool
 
     def sum_light(self, kept: KeptLight | None) -> SummedLight | None:
         """Trace light to all levels and sum it; None where anything has derivatives."""
@@ -198,4 +200,6 @@ class _Lighting:
                 config.storage,
                 plan.directions,
                 keeps_empty=config.is_kept("levels"),
+                has_derivatives=self.has_derivatives,
+                recorder=self.recorder,
             )

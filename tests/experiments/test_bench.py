@@ -16,9 +16,10 @@ from experiments.bench.reads import bare_fetch, counting
 from experiments.bench.walks import CAMERA, LIGHTS, STILL, TURN_FRAMES, Walk
 from experiments.scenes import load_scene
 from reports.bench_record import Rates
+from vctgi.clipmap.storage import StorageConfig
 from vctgi.clipmap.stored_directions import SIX
 from vctgi.clipmap.texel_choice import Filtering
-from vctgi.clipmap.texture import build_texture
+from vctgi.clipmap.texture_target import build_texture
 from vctgi.clipmap.unpacking import unpack_level
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -37,7 +38,7 @@ def walk(kind: str, scene: str = "cornell_box", filtering: Filtering = "random_l
     config = bench_config(vctgi.preset("medium"), SMALL)
     march = replace(config.diffuse.march, filtering=filtering)
     diffuse = replace(config.diffuse, near_field_voxels=0.0, march=march)
-    config = replace(config, diffuse=diffuse)
+    config = replace(config, diffuse=diffuse, storage=StorageConfig())
     return Walk(vctgi.prepare_scene(loaded.scene, loaded.scene.sensors()[0], config), config, kind)
 
 
@@ -60,13 +61,10 @@ def test_reads_are_those_of_the_samples(filtering: Filtering) -> None:
 def test_a_bare_fetch_reads_every_texel_of_a_power_of_two() -> None:
     volume = walk(STILL).volume
     levels = list(volume.layout.levels)
-    texture = build_texture(
-        levels,
-        [False] * len(levels),
-        lambda level: unpack_level(volume, level),
-        SIX,
-        use_accel=False,
-    )
+    # In units of 1, as the words are.
+    is_empty = [False] * len(levels)
+    one = mi.Float(1.0)
+    texture = build_texture(levels, is_empty, lambda level: unpack_level(volume, level), SIX, one)
     for texels, words in (
         (volume.texels, volume.texels.words),  # type: ignore[attr-defined]
         (texture, mi.Float(texture.texture.tensor().array)),

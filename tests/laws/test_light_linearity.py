@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.vctgi.small_scenes import SceneDict, area_light, camera, color, grey, load, room
+from vctgi.clipmap.storage import StorageConfig
 from vctgi.config import preset
 from vctgi.pipeline import Frame, light_volume, prepare_scene, render_frame
 
@@ -33,12 +34,17 @@ def point(strength: float) -> SceneDict:
     return {"type": "point", "position": [-0.4, 0.2, 0.3], "intensity": grey(strength)}
 
 
-def picture(**lights: SceneDict) -> Frame:
+EXACT = StorageConfig()
+"""Half precision rounds each voxel by itself, so that only factors of 2 keep every bit."""
+
+
+def picture(storage: StorageConfig = EXACT, **lights: SceneDict) -> Frame:
     walls = room(bsdf={"type": "diffuse", "reflectance": color(0.7, 0.4, 0.2)})
     walls["wall0"] = {**walls["wall0"], "bsdf": {"type": "roughconductor", "alpha": 0.2}}
     scene = load(sensor=camera([0.5, 0.2, 0.9], [0.0, -0.2, 0.0], fov=80.0), **walls, **lights)
     config = preset("medium")
-    config = replace(config, clipmap=replace(config.clipmap, resolution=32), samples_per_pixel=1)
+    clipmap = replace(config.clipmap, resolution=32)
+    config = replace(config, clipmap=clipmap, storage=storage, samples_per_pixel=1)
     prepared = prepare_scene(scene, scene.sensors()[0], config)
     return render_frame(prepared, light_volume(prepared, config).volume, config)
 
@@ -47,8 +53,9 @@ def components(frame: Frame) -> list[np.ndarray]:
     return [np.array(getattr(frame, name)) for name in COMPONENTS]
 
 
-def test_doubling_the_light_doubles_every_bit_of_the_picture() -> None:
-    once, twice = (components(picture(lamp=lamp(value))) for value in (1.5, 3.0))
+@pytest.mark.parametrize("storage", [EXACT, preset("medium").storage])
+def test_doubling_the_light_doubles_every_bit_of_the_picture(storage: StorageConfig) -> None:
+    once, twice = (components(picture(storage, lamp=lamp(value))) for value in (1.5, 3.0))
     for single, double in zip(once, twice, strict=True):
         assert single.mean() > 0.0
         np.testing.assert_array_equal(double, 2.0 * single)

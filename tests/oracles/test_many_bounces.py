@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from tests.vctgi.hand_made_volumes import stored_numbers
 from tests.vctgi.small_scenes import area_light, camera, diffuse, load, oblique, room
 from vctgi.config import RenderConfig, preset
 from vctgi.pipeline import LitVolume, light_volume, prepare_scene, render_frame
@@ -74,8 +75,7 @@ def test_light_of_two_scatterings_is_that_without_bounces() -> None:
     scene = furnace(0.5)
     plain = replace(settings(2), bounces=BouncesConfig())
     volumes = [lit(scene, each).volume for each in (settings(2), plain)]
-    words = [np.array(each.texels.words) for each in volumes]  # type: ignore[attr-defined]
-    np.testing.assert_array_equal(words[0], words[1])
+    np.testing.assert_array_equal(stored_numbers(volumes[0]), stored_numbers(volumes[1]))
     assert lit(scene, plain).bounce_fluxes == []
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
+from vctgi.clipmap.gathered import GatheredTexels
 from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
 from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap, VoxelVolume, pack_volume
+from vctgi.clipmap.texture import TextureTexels
 from vctgi.maths.directions import DIRECTION_COUNT
 
 
@@ -25,6 +28,16 @@ def emittance_of(layout: ClipmapLayout, levels: Sequence[np.ndarray]) -> Emittan
         [mi.Color3f(np.ascontiguousarray(c)) for c in flat],
         [0.0] * layout.clip_level_count,
     )
+
+
+def stored_numbers(volume: VoxelVolume) -> np.ndarray:
+    """All that a volume stores: its words, or the texels of its texture."""
+    texels = volume.texels
+    if isinstance(texels, GatheredTexels):
+        return np.array(texels.words)
+    assert isinstance(texels, TextureTexels)
+    tensor: Any = texels.texture
+    return np.array(tensor.tensor())
 
 
 def random_values(

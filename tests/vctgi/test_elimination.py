@@ -14,6 +14,7 @@ import pytest
 import vctgi
 from experiments.scenes import BUILT_IN, load_scene
 from tests.vctgi.small_scenes import SceneDict, area_light, camera, color, diffuse, grey, load, room
+from vctgi.clipmap.storage import StorageConfig
 from vctgi.config import RenderConfig
 from vctgi.eliminations import ALL, ELIMINATIONS
 from vctgi.pipeline import Frame, PreparedScene, light_volume, prepare_scene, render_frame
@@ -29,7 +30,8 @@ SIZE, RESOLUTION = 16, 16
 def settings(**changes: Any) -> RenderConfig:
     config = vctgi.preset("medium")
     clipmap = replace(config.clipmap, resolution=RESOLUTION)
-    return replace(config, clipmap=clipmap, samples_per_pixel=1, **changes)
+    config = replace(config, clipmap=clipmap, storage=StorageConfig(), samples_per_pixel=1)
+    return replace(config, **changes)
 
 
 def frame_of(scene: mi.Scene, config: RenderConfig) -> tuple[PreparedScene, Frame]:
@@ -66,7 +68,8 @@ def test_no_built_in_scene_changes_by_what_is_left_out(name: str) -> None:
 
 def test_what_can_be_kept_says_how_and_what_it_costs_the_picture() -> None:
     configs = [settings(), settings(emission_in_voxels=True, sky_in_cones=True)]
-    configs += [replace(vctgi.preset("ambient"), clipmap=configs[0].clipmap)]
+    clipmap, storage = configs[0].clipmap, configs[0].storage
+    configs += [replace(vctgi.preset("ambient"), clipmap=clipmap, storage=storage)]
     for config in configs:
         for entry in prepare_scene(lit_room(), lit_room().sensors()[0], config).plan.entries:
             if entry.override.startswith("--keep "):

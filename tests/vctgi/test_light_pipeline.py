@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 import vctgi
+from tests.vctgi.hand_made_volumes import stored_numbers
 from tests.vctgi.small_scenes import area_light, camera, color, diffuse, grey, load, oblique, room
-from vctgi.clipmap.gathered import GatheredTexels
 from vctgi.clipmap.levels import move_clipmap
+from vctgi.clipmap.storage import StorageConfig
 from vctgi.config import RenderConfig
 from vctgi.errors import SceneError
 from vctgi.pipeline import (
@@ -54,7 +55,7 @@ def settings() -> RenderConfig:
         finest_voxel_size=0.1,
         centre=(0.0, 0.0, 0.0),
     )
-    return replace(config, clipmap=clipmap, samples_per_pixel=1)
+    return replace(config, clipmap=clipmap, storage=StorageConfig(), samples_per_pixel=1)
 
 
 def open_room(**lights: Any) -> mi.Scene:
@@ -90,13 +91,15 @@ def prepared_room(lights: dict[str, Any]) -> tuple[PreparedScene, RenderConfig, 
 
 
 def rounding() -> float:
-    """Relative: one on the CPU; a GPU's kernels differ in which products they fuse with sums."""
-    return 1e-5 if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else 2.0**-23
+    """Relative: one on the CPU; a GPU's kernels differ in which products they fuse with sums.
+
+    An H200 moves the places that rays hit so that the light of a sky changes by 1.1e-5 at most.
+    """
+    return 4e-5 if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else 2.0**-23
 
 
 def words(lit: LitVolume) -> np.ndarray:
-    assert isinstance(lit.volume.texels, GatheredTexels)
-    return np.array(lit.volume.texels.words)
+    return stored_numbers(lit.volume)
 
 
 @pytest.mark.parametrize("lights", [lamps, outside, lambda: {**lamps(), **outside()}])

@@ -27,11 +27,16 @@ from vctgi.clipmap.reduction import reduce_directions
 from vctgi.clipmap.slots import DEFAULT_RULE, SlotRule
 from vctgi.clipmap.stored_directions import StoredDirections, directions_of, select_directions
 from vctgi.clipmap.texel_choice import TexelChoice
-from vctgi.clipmap.texture import build_texture
+from vctgi.clipmap.texture_target import (
+    MAX_TEXTURE_DEPTH,
+    build_texture,
+    texture_depth,
+    texture_scale,
+)
 from vctgi.maths.directions import DIRECTION_COUNT
 
-StorageFormat = Literal["float32", "float16", "rgb10a2", "rgba8", "srgb8", "texture16"]
-"""What texels are stored as."""
+StorageFormat = Literal["auto", "float32", "float16", "rgb10a2", "rgba8", "srgb8", "texture16"]
+"""What texels are stored as; "auto" is one of the others."""
 
 CODES: dict[str, TexelCode] = {
     "float32": FloatCode(is_half=False),
@@ -78,6 +83,17 @@ class OpacityClipmap:
 
 
 @dataclass
+class SlotColors:
+    """Emittance of the slots of each level, W m^-2 sr^-1."""
+
+    levels: list[mi.Color3f]
+
+    def read(self, level: int, index: mi.UInt32, active: mi.Bool) -> mi.Color3f:
+        """Return emittance of slots of a level."""
+        return dr.gather(mi.Color3f, self.levels[level], index, active)
+
+
+@dataclass
 class EmittanceClipmap:
     """Emittance of every voxel.
 
@@ -100,9 +116,10 @@ class EmittanceClipmap:
     lost_flux_share: list[float]
     steps_per_unit: list[tuple[float, float]] = field(default_factory=list)
 
-    def read(self, level: int, index: mi.UInt32, active: mi.Bool) -> mi.Color3f:
-        """Return emittance of slots of a level."""
-        return dr.gather(mi.Color3f, self.levels[level], index, active)
+    @property
+    def slots(self) -> SlotColors:
+        """Arrays of the same, and nothing else."""
+        return SlotColors(self.levels)
 
     def emittance(self) -> EmittanceClipmap:
         """Return it as it is: all slots are known."""
@@ -116,7 +133,8 @@ class StorageConfig:
     format: StorageFormat = "float32"
     """float32 and float16: numbers; rgb10a2: the talk's words of ten bits a channel; rgba8 and
     srgb8: bytes, linear or with sRGB-encoded colour; texture16: half precision, interpolated by a
-    GPU's texture units, only on CUDA."""
+    GPU's texture units, only on CUDA; auto: texture16 on CUDA where nothing has derivatives and the
+    voxels fit one texture, float32 elsewhere."""
     direction_count: int = DIRECTION_COUNT
     """6 one-sided directions; 3, one for each axis; or 1, for comparison only."""
     scale: float | None = None
@@ -182,13 +200,52 @@ class VoxelVolume:
         return replace(self, choice=choice)
 
 
+def storage_in_use(
+    config: StorageConfig,
+    layout: ClipmapLayout,
+    directions: StoredDirections,
+    *,
+    has_derivatives: bool,
+) -> StorageConfig:
+    """Return a configuration whose format is not "auto".
+
+    Parameters
+    ----------
+    config
+        What is asked for.
+    layout
+        The levels.
+    directions
+        Which are stored.
+    has_derivatives
+        Whether derivatives of what is read are wanted.
+
+    Raises
+    ------
+    ValueError
+        A texture without a GPU.
+    """
+    is_gpu = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
+    if config.format == "auto":
+        edges = [level.resolution for level in layout.levels]
+        fits = texture_depth(edges, directions.count) <= MAX_TEXTURE_DEPTH
+        is_texture = is_gpu and fits and not has_derivatives
+        return replace(config, format="texture16" if is_texture else "float32")
+    if config.format == "texture16" and not is_gpu:
+        raise ValueError(
+            'StorageConfig.format "texture16" needs the texture units of a GPU, and the variant '
+            f'is {mi.variant()}: set a CUDA variant, or use the format "float16".'
+        )
+    return config
+
+
 def bytes_per_voxel(config: StorageConfig) -> int:
-    """Return the bytes that a voxel takes, all directions together.
+    """Return the bytes that a voxel takes, all directions together; for "auto", at most.
 
     What a texture repeats at the rims of its slabs, and of levels smaller than itself, comes on
     top; `VoxelVolume.byte_count` counts it.
     """
-    code = CODES[config.format]
+    code = CODES["float32" if config.format == "auto" else config.format]
     return code.word_bytes * code.slab_count(config.direction_count)
 
 
@@ -222,19 +279,15 @@ def pack_volume(
     """
     layout = opacity.layout
     assert layout == emittance.layout, "opacity and emittance must share one layout"
-    if config.format != "float32" and dr.grad_enabled(opacity.levels, emittance.levels):
+    has_derivatives = bool(dr.grad_enabled(opacity.levels, emittance.levels))
+    if config.format not in ("float32", "auto") and has_derivatives:
         raise ValueError(
             f'StorageConfig.format "{config.format}" has no derivatives, and the voxels have: '
             'use "float32", or detach what they follow from.'
         )
-    is_texture = config.format == "texture16"
-    if is_texture and dr.backend_v(mi.Float) != dr.JitBackend.CUDA:
-        raise ValueError(
-            'StorageConfig.format "texture16" needs the texture units of a GPU, and the variant '
-            f'is {mi.variant()}: set a CUDA variant, or use the format "float16".'
-        )
-    is_empty = [empty and not keeps_empty for empty in empty_levels(opacity.levels)]
     stored = directions or directions_of(config.direction_count)
+    config = storage_in_use(config, layout, stored, has_derivatives=has_derivatives)
+    is_empty = [empty and not keeps_empty for empty in empty_levels(opacity.levels)]
     # Single precision holds whatever the stages wrote, so it is not searched for what it cannot.
     scale = None if config.format == "float32" else _find_scale(opacity, emittance, config)
 
@@ -252,9 +305,12 @@ def pack_volume(
     offsets = stored_offsets(layout, is_empty)
     table = level_table(layout, is_empty, offsets[:-1])
     levels = list(layout.levels)
-    if is_texture:
-        texture = build_texture(levels, is_empty, texels_of, stored)
-        return VoxelVolume(layout, table, texture)
+    if config.format == "texture16":
+        peak = mi.Float(0.0)
+        for color in emittance.levels:
+            peak = dr.maximum(peak, dr.max(dr.max(color)))
+        unit = texture_scale(peak, merge_count=0)
+        return VoxelVolume(layout, table, build_texture(levels, is_empty, texels_of, stored, unit))
 
     code = CODES[config.format]
     slab_count = code.slab_count(stored.count)
@@ -294,6 +350,8 @@ def _find_scale(
                 'The format "float32" stores it for inspection.'
             )
     peak = max(float(each[0]) for each in peaks)
+    if config.format == "texture16":
+        return None
     if config.format not in SCALED_FORMATS:
         limit = CODES[config.format].max_emittance
         if peak > limit:

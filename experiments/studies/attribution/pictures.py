@@ -56,7 +56,7 @@ def make_volumes(prepared: PreparedScene, config: RenderConfig) -> Volumes:
     assert lit is not None, "downsampling keeps the emittance it is given"
     by_key: dict[tuple[bool, bool], VoxelVolume] = {}
     for is_exact, storage in ((False, config.storage), (True, EXACT_STORAGE)):
-        if is_exact and storage == config.storage:
+        if is_exact and _is_exact(config.storage):
             # Voxels of a large scene take gigabytes.
             by_key |= {(True, light): by_key[False, light] for light in (False, True)}
             continue
@@ -64,6 +64,12 @@ def make_volumes(prepared: PreparedScene, config: RenderConfig) -> Volumes:
         by_key[is_exact, False] = maps.volume
         by_key[is_exact, True] = pack_volume(merged, lit, storage)
     return Volumes(by_key)
+
+
+def _is_exact(storage: StorageConfig) -> bool:
+    """Whether voxels are stored exactly; without a GPU, "auto" is single precision."""
+    is_gpu = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
+    return storage == EXACT_STORAGE or (storage == StorageConfig(format="auto") and not is_gpu)
 
 
 def that_matters(exact: Exact, config: RenderConfig) -> Exact:
@@ -76,7 +82,7 @@ def that_matters(exact: Exact, config: RenderConfig) -> Exact:
         exact = replace(exact, dense=False)
     if exact.visibility and exact.radiance:
         return replace(exact, light=False, storage=False, width=False)
-    if config.storage == EXACT_STORAGE:
+    if _is_exact(config.storage):
         return replace(exact, storage=False)
     return exact
 

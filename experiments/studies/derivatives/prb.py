@@ -23,6 +23,7 @@ from experiments.studies.derivatives.room import SCENE_NAMES, derivative_room
 from experiments.studies.derivatives.slopes import TABLE, Place, first_seed_count, slopes
 from experiments.studies.figures import Table
 from reports.study_figures import Bounded
+from vctgi.clipmap.storage import StorageConfig
 from vctgi.config import RenderConfig, preset
 from vctgi.pipeline import light_volume, prepare_scene, render_frame
 
@@ -170,6 +171,7 @@ def _measure(context: StudyContext, scene: str, parameter: str, number: str) -> 
     config = replace(
         high,
         clipmap=replace(high.clipmap, resolution=voxels),
+        storage=StorageConfig(),
         reconstruction=replace(high.reconstruction, sparsity=1),
         samples_per_pixel=4,
     )

@@ -13,6 +13,7 @@ import numpy as np
 
 from experiments.studies.check import StudyContext
 from vctgi.clipmap.levels import ClipmapConfig
+from vctgi.clipmap.storage import StorageConfig
 from vctgi.config import RenderConfig, preset
 from vctgi.parameters import ConeParameters
 from vctgi.pipeline import light_volume, prepare_scene, render_frame
@@ -127,6 +128,7 @@ def _make_room(edge: int) -> DerivativeRoom:
     config = replace(
         high,
         clipmap=ClipmapConfig(resolution=32),
+        storage=StorageConfig(),
         reconstruction=replace(high.reconstruction, sparsity=1),
         samples_per_pixel=1,
         diffuse=replace(high.diffuse, cone_count=16, near_field_voxels=0.0),

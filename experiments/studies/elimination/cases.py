@@ -169,7 +169,9 @@ CASES = [
         keep="light",
         scene=scenes.court,
         about=f"{COURT}; mode ambient",
-        change=lambda config: replace(vctgi.preset("ambient"), clipmap=config.clipmap),
+        change=lambda config: replace(
+            vctgi.preset("ambient"), clipmap=config.clipmap, storage=config.storage
+        ),
     ),
     Case(
         name="frames in which nothing moves",

@@ -12,6 +12,7 @@ import vctgi
 from experiments.studies.check import StudyContext
 from experiments.studies.light.lit_rooms import INWARD_TURNS
 from vctgi.clipmap.levels import ClipmapConfig
+from vctgi.clipmap.storage import StorageConfig
 
 Parts = dict[str, Any]
 
@@ -50,6 +51,7 @@ def settings(scale: float = 1.0, centre: tuple[float, float, float] = (0.0, 0.0,
     return replace(
         config,
         clipmap=clipmap,
+        storage=StorageConfig(),
         samples_per_pixel=1,
         reconstruction=replace(config.reconstruction, sparsity=1),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import mitsuba as mi
 import numpy as np
 import pytest
 
@@ -25,7 +26,7 @@ from experiments.studies.attribution.voxels import exact_light
 from experiments.studies.figures import FigureShelf
 from metrics.attribution import attribute_error
 from vctgi.clipmap.levels import ClipmapConfig
-from vctgi.clipmap.storage import pack_volume
+from vctgi.clipmap.storage import StorageConfig, pack_volume
 from vctgi.pipeline import voxelize_scene
 from vctgi.prepared import PreparedScene
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig
@@ -128,7 +129,10 @@ def test_what_does_not_matter_is_not_run() -> None:
     assert that_matters(first_exact(len(STAGES)), CONFIG) == Exact(
         pixels=True, directions=True, visibility=True, radiance=True
     )
-    assert that_matters(Exact(storage=True), CONFIG) == Exact()
+    exact = replace(CONFIG, storage=StorageConfig())
+    assert that_matters(Exact(storage=True), exact) == Exact()
+    if not (mi.variant() or "").startswith("cuda"):
+        assert that_matters(Exact(storage=True), CONFIG) == Exact()
 
 
 def test_unknown_cones_are_refused(box: tuple[PreparedScene, Volumes]) -> None:

@@ -22,7 +22,9 @@ from vctgi.clipmap.storage import (
     VoxelVolume,
     bytes_per_voxel,
     pack_volume,
+    storage_in_use,
 )
+from vctgi.clipmap.stored_directions import SIX
 from vctgi.clipmap.unpacking import unpack_level
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -195,6 +197,24 @@ def test_a_texture_needs_a_gpu(variant: str) -> None:
     where = layout()
     with pytest.raises(ValueError, match='set a CUDA variant, or use the format "float16"'):
         packed(where, *random_values(where, 2), StorageConfig(format="texture16"))
+
+
+@pytest.mark.parametrize("has_derivatives", [False, True])
+def test_auto_is_a_texture_where_there_is_a_gpu_and_nothing_to_differentiate(
+    has_derivatives: bool,
+) -> None:
+    is_gpu = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
+
+    def in_use(level_count: int) -> str:
+        where = lay_out_clipmap(
+            (0.0, 0.0, 0.0), finest_voxel_size=0.1, level_count=level_count, resolution=256
+        )
+        auto = StorageConfig(format="auto")
+        return storage_in_use(auto, where, SIX, has_derivatives=has_derivatives).format
+
+    assert in_use(8) == ("texture16" if is_gpu and not has_derivatives else "float32")
+    # Deeper than the deepest texture.
+    assert in_use(12) == "float32"
 
 
 def test_three_directions_hold_the_larger_of_two_sides() -> None:

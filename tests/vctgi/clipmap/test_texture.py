@@ -6,6 +6,8 @@ a GPU the same tests meet the units themselves and their coarse weights.
 
 from __future__ import annotations
 
+import math
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -14,14 +16,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.vctgi.hand_made_volumes import emittance_of, opacity_of, random_values
-from vctgi.clipmap.formats import LevelTexels
+from vctgi.clipmap.formats import MAX_HALF, LevelTexels
 from vctgi.clipmap.levels import ClipmapLayout, LevelLayout, lay_out_clipmap
 from vctgi.clipmap.neighbourhood import Layer, neighbourhood
 from vctgi.clipmap.reduction import reduce_directions
-from vctgi.clipmap.sampling import OPTICAL_DEPTH_CAP, read_medium
+from vctgi.clipmap.sampling import OPTICAL_DEPTH_CAP, read_medium, read_surface
 from vctgi.clipmap.storage import StorageConfig, VoxelVolume, pack_volume
 from vctgi.clipmap.stored_directions import directions_of
-from vctgi.clipmap.texture import MAX_TEXTURE_DEPTH, TextureTexels, build_texture, stack_slabs
+from vctgi.clipmap.texture import TextureTexels
+from vctgi.clipmap.texture_target import (
+    MAX_TEXTURE_DEPTH,
+    build_texture,
+    stack_slabs,
+    texture_scale,
+)
 from vctgi.maths.stub_gaps import as_component
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -49,11 +57,10 @@ def both(direction_count: int, empty: tuple[int, ...] = ()) -> tuple[VoxelVolume
         texels = LevelTexels(emittance.levels[level.level], opacity.levels[level.level], 6)
         return reduce_directions(texels, direction_count)
 
-    is_gpu = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
     is_empty = [level in empty for level in range(len(where.levels))]
-    texture = build_texture(
-        list(where.levels), is_empty, texels_of, directions_of(direction_count), use_accel=is_gpu
-    )
+    scale = texture_scale(mi.Float(LARGEST), merge_count=0)
+    directions = directions_of(direction_count)
+    texture = build_texture(where.levels, is_empty, texels_of, directions, scale)
     config = StorageConfig(format="float16", direction_count=direction_count)
     arrays = pack_volume(opacity, emittance, config)
     return VoxelVolume(where, arrays.table, texture), arrays
@@ -151,24 +158,42 @@ def test_weights_are_those_of_an_8_bit_fraction_on_a_gpu_and_single_precision_el
     assert weight_error(texture) == pytest.approx(3 * 2.0**-9 * is_gpu + rounding)
 
 
-def test_a_volume_in_a_texture_can_be_recorded() -> None:
-    texture, _ = both(6)
+def test_volumes_in_textures_can_be_recorded() -> None:
     levels = dr.zeros(mi.UInt32, 8)
     ways = mi.Vector3f(dr.full(mi.Float, 1.0, 8), 0.0, 0.0)
 
-    @dr.freeze
-    def extinction(volume: VoxelVolume, points: mi.Point3f) -> mi.Float:
-        return read_medium(volume, levels, points, ways).extinction
+    def read(volume: VoxelVolume, points: mi.Point3f, active: mi.Bool) -> tuple[mi.Float, mi.Float]:
+        # Masked fetches are what a recording cannot hold.
+        _, opacity = read_surface(volume, levels, points, ways, active)
+        return read_medium(volume, levels, points, ways).extinction, opacity
 
+    recorded = dr.freeze(read)
     found = []
-    for shift in (0.0, 0.3, 0.6):
+    for direction_count, shift in ((6, 0.0), (6, 0.3), (3, 0.6), (6, 0.6)):
+        texture, _ = both(direction_count)
         away = dr.arange(mi.Float, 8) * 0.2 + shift
         x, y, z = texture.layout.centre
         points = mi.Point3f(x + away, y + away, z - away)
-        expected = read_medium(texture, levels, points, ways).extinction
-        found.append(np.array(extinction(texture, points)))
-        np.testing.assert_array_equal(found[-1], np.array(expected))
-    assert not np.array_equal(found[0], found[2])
+        active = away > 0.5
+        dr.eval(points, active)
+        expected = read(texture, points, active)
+        arrays = recorded(texture, points, active)
+        for ours, theirs in zip(arrays, expected, strict=True):
+            np.testing.assert_array_equal(np.array(ours), np.array(theirs))
+        found.append(np.array(arrays[0]))
+    assert not np.array_equal(found[0], found[3])
+
+
+@given(peak=st.floats(2.0**-100, 2.0**100), merge_count=st.integers(0, 14))
+def test_the_scale_leaves_room_for_merged_voxels_and_no_more(peak: float, merge_count: int) -> None:
+    top = float(np.float32(peak))
+    scale = float(texture_scale(mi.Float(top), merge_count)[0])
+    assert math.frexp(scale)[0] == 0.5
+    assert MAX_HALF / 4.0 < top * 2.0**merge_count / scale <= MAX_HALF / 1.99
+
+
+def test_the_scale_of_nothing_is_a_number() -> None:
+    assert float(texture_scale(mi.Float(0.0), 3)[0]) == 1.0
 
 
 def test_slabs_stand_one_behind_the_other() -> None:

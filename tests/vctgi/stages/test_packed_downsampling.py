@@ -20,9 +20,14 @@ from vctgi.clipmap.storage import (
     pack_volume,
 )
 from vctgi.clipmap.stored_directions import SIX, StoredDirections, facing_directions
-from vctgi.stages.downsampling import DownsamplingConfig, downsample, downsample_volume
+from vctgi.clipmap.texture import TextureTexels
+from vctgi.clipmap.unpacking import unpack_level
+from vctgi.stages.downsampling import DownsamplingConfig, downsample, downsample_volume, packed
 
 pytestmark = pytest.mark.usefixtures("variant")
+
+HALF_STEP = 2.0**-11
+"""Relative: half a step of half precision."""
 
 FOUR = facing_directions((True, False, True, True, False, True))
 
@@ -49,6 +54,16 @@ def words(volume: VoxelVolume) -> np.ndarray:
     return np.array(volume.texels.words)
 
 
+def packed_in_texture(
+    opacity: OpacityClipmap, emittance: EmittanceClipmap, directions: StoredDirections
+) -> VoxelVolume:
+    """As `downsample_volume`; without a GPU the texture is computed."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(packed, "storage_in_use", lambda storage, *_, **__: storage)
+        storage = StorageConfig(format="texture16")
+        return downsample_volume(opacity, emittance, DownsamplingConfig(), storage, directions)
+
+
 @pytest.mark.parametrize("mips", ["columns", "average"])
 @pytest.mark.parametrize("directions", [None, SIX, FOUR])
 @pytest.mark.parametrize("empty", [(), (0,), (0, 1), (1,), (0, 1, 2)])
@@ -65,6 +80,29 @@ def test_equals_downsampling_before_storage(
     for name in ("origins", "voxel_offsets", "centre", "low", "high"):
         ours, theirs = getattr(found.table, name), getattr(expected.table, name)
         np.testing.assert_array_equal(np.array(ours), np.array(theirs))
+
+
+@pytest.mark.parametrize("directions", [SIX, FOUR])
+@pytest.mark.parametrize("empty", [(), (0,), (0, 1)])
+@pytest.mark.parametrize("factor", [1.0, 1e8, 1e-8])
+def test_a_texture_holds_the_same_in_half_precision(
+    directions: StoredDirections, empty: tuple[int, ...], factor: float
+) -> None:
+    opacity, emittance = voxels(layout(), empty)
+    emittance.levels = [color * factor for color in emittance.levels]
+    merged, lit = downsample(opacity, emittance, DownsamplingConfig())
+    assert lit is not None
+    expected = pack_volume(merged, lit, StorageConfig(), directions)
+    found = packed_in_texture(opacity, emittance, directions)
+    assert isinstance(found.texels, TextureTexels)
+    # Two neighbours shine through where the unit's weights are off.
+    leak = 2.0 * found.texels.weight_error()
+    for level in found.layout.levels:
+        ours, theirs = (unpack_level(each, level) for each in (found, expected))
+        for name in ("emittance", "opacity"):
+            a, b = (np.array(getattr(each, name)) for each in (ours, theirs))
+            np.testing.assert_allclose(a, b, rtol=1.01 * HALF_STEP, atol=leak * b.max() + 1e-30)
+            assert level.level in empty or b.max() > 0.0
 
 
 @pytest.mark.parametrize("level_count", [1, 2])

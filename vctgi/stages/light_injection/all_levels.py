@@ -42,6 +42,33 @@ def is_by_scatter(config: LightInjectionConfig) -> bool:
 
 
 @dataclass
+class SlotSums:
+    """Light in the slots of all clip levels; the attributes are those of `SummedLight`.
+
+    Attributes
+    ----------
+    alphas
+        Opacity of each clip level.
+    """
+
+    alphas: list[mi.Float]
+    sums: mi.Int64
+    per_step: mi.Float64
+
+    def read(self, level: int, index: mi.UInt32, active: mi.Bool) -> mi.Color3f:
+        """Return emittance of slots of a clip level, W m^-2 sr^-1."""
+        alpha = dr.gather(mi.Float, self.alphas[level], index, active)
+        slot = mi.UInt32(level * dr.width(self.alphas[level])) + index
+        is_lit = active & (alpha > 0.0)
+        per_step = entry(self.per_step, level)
+        sums = (
+            dr.gather(mi.Int64, self.sums, CHANNELS * slot + channel, is_lit)
+            for channel in range(CHANNELS)
+        )
+        return mi.Color3f(*(mi.Float(mi.Float64(each) * per_step) for each in sums))
+
+
+@dataclass
 class SummedLight:
     """Light in the slots of all clip levels, in fixed point.
 
@@ -66,17 +93,11 @@ class SummedLight:
     total: mi.Float64
     fallen: FallenLight
 
-    def read(self, level: int, index: mi.UInt32, active: mi.Bool) -> mi.Color3f:
-        """Return emittance of slots of a clip level, W m^-2 sr^-1."""
-        alpha = dr.gather(mi.Float, self.opacity.levels[level], index, active)
-        slot = mi.UInt32(level * _slot_count(self.opacity)) + index
-        is_lit = active & (alpha > 0.0)
-        per_step = entry(self.per_step, level)
-        sums = (
-            dr.gather(mi.Int64, self.sums, CHANNELS * slot + channel, is_lit)
-            for channel in range(CHANNELS)
-        )
-        return mi.Color3f(*(mi.Float(mi.Float64(each) * per_step) for each in sums))
+    @property
+    def slots(self) -> SlotSums:
+        """Arrays of the same, and nothing else."""
+        alphas = self.opacity.levels[: self.opacity.layout.clip_level_count]
+        return SlotSums(alphas, self.sums, self.per_step)
 
     def emittance(self) -> EmittanceClipmap:
         """Return the emittance of all slots; the host reads how much light was lost."""
@@ -87,7 +108,7 @@ class SummedLight:
             if level.level >= layout.clip_level_count:
                 colors.append(dr.zeros(mi.Color3f, count))
                 continue
-            colors.append(self.read(level.level, dr.arange(mi.UInt32, count), mi.Bool(True)))
+            colors.append(self.slots.read(level.level, dr.arange(mi.UInt32, count), mi.Bool(True)))
         dr.eval(colors)
         return EmittanceClipmap(layout, colors, self.fallen.lost_flux_share)
 
