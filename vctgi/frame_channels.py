@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.maths.evaluation import evaluated
+from vctgi.maths.evaluation import with_boundary
 from vctgi.scene.records import GBuffer
 from vctgi.stages.composite import IndirectLight
 
@@ -52,17 +52,18 @@ def _surface_sample(gbuffer: GBuffer) -> Channels:
 
 
 def accumulate(sums: Channels, sample: Channels, sample_count: int) -> Channels:
-    """Return the picture with a sample of each pixel added."""
+    """Return the picture with a sample of each pixel added, not evaluated."""
     added = dict(sums)
     for name, channels in sample.items():
         shares = [mi.Float(channel) / sample_count for channel in channels]
         held = sums.get(name)
         added[name] = shares if held is None else [a + b for a, b in zip(held, shares, strict=True)]
-    return evaluated(added)
+    return added
 
 
 def interleaved(channels: Channels) -> dict[str, mi.Float]:
     """Return pictures with the channels of each pixel side by side."""
+    channels = with_boundary(channels)
     flats = {
         name: planes[0] if len(planes) == 1 else mi.Float(dr.ravel(mi.Color3f(*planes)))
         for name, planes in channels.items()

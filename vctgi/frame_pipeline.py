@@ -94,8 +94,7 @@ def render_frame(
         Values that go before the numbers of `config`, for derivatives; None: those numbers.
     cache
         Kept by the caller for the next frame, which then need not be traced in Python. Not for
-        frames that are counted or have derivatives. None: every frame is traced, as are those whose
-        voxels lie in a texture.
+        frames that are counted or have derivatives. None: every frame is traced.
 
     Raises
     ------

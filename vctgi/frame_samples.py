@@ -14,7 +14,6 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.storage import VoxelVolume
-from vctgi.clipmap.texture import TextureTexels
 from vctgi.config import RenderConfig
 from vctgi.frame_channels import (
     Channels,
@@ -78,7 +77,7 @@ class Tracing:
             self.parameters.check_bounds()
 
     def keep_in(self, cache: TraceCache | None) -> None:
-        """Record what is traced, but for voxels in a texture: Dr.Jit 1.5 may abort there."""
+        """Record what is traced."""
         if cache is None:
             return
         is_live = self.volume.has_derivatives or self.prepared.has_derivatives
@@ -87,8 +86,6 @@ class Tracing:
                 "render_frame: a frame that is counted or has derivatives is traced anew each "
                 "time; leave out `cache`."
             )
-        if isinstance(self.volume.texels, TextureTexels):
-            return
         self.cache, self.key = cache, cache.key_of(self.prepared, self.config)
         self.volume = with_windows_at_origin(self.volume)
 
@@ -206,7 +203,7 @@ class Sums:
     Attributes
     ----------
     channels
-        Sums over the camera rays of each pixel.
+        Sums over the camera rays of each pixel; after the last ray nothing.
     flats
         The same with the channels of each pixel side by side, after the last ray; else nothing.
     """
@@ -250,8 +247,9 @@ def finish(
     sums = accumulate(sums, sample, config.samples_per_pixel)
     if number == 0:
         sums = {**sums, **surfaces(gbuffer)}
-    is_last = number == config.samples_per_pixel - 1
-    return Sums(sums, interleaved(sums) if is_last else {})
+    if number < config.samples_per_pixel - 1:
+        return Sums(evaluated(sums), {})
+    return Sums({}, interleaved(sums))
 
 
 def visible_points(
