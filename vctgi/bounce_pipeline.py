@@ -57,16 +57,18 @@ def light_by_cones(
     BouncedLight
         Emittance of all scatterings, and what the voxels emit after each of them.
     """
-    scene, stored = prepared.scene, prepared.plan.directions
+    scene, stored, is_live = prepared.scene, prepared.plan.directions, prepared.has_derivatives
     with clock("slot surfaces"):
         surfaces = describe_slots(scene, voxelized, opacity, config.slot_surfaces)
     if prepared.plan.has_sky_by_cones:
         with clock("sky on voxels"):
-            gather = slot_gatherer(scene, surfaces, opacity, config, stored, prepared.sky)
+            gather = slot_gatherer(
+                scene, surfaces, opacity, config, stored, prepared.sky, has_derivatives=is_live
+            )
             dark = reflect(injected, [], [])
             injected = add_light(injected, reflect(injected, surfaces, gather(dark)))
     with clock("bounces"):
-        gather = slot_gatherer(scene, surfaces, opacity, config, stored)
+        gather = slot_gatherer(scene, surfaces, opacity, config, stored, has_derivatives=is_live)
         ends = config.bounces
         if config.is_kept("bounces"):
             ends = replace(ends, min_bounce_share=0.0)
@@ -80,6 +82,8 @@ def slot_gatherer(
     config: RenderConfig,
     directions: StoredDirections | None = None,
     sky: PrefilteredSky | None = None,
+    *,
+    has_derivatives: bool = False,
 ) -> Gather:
     """Return what brings the light of voxels, and of a sky if there is one, to slots by cones.
 
@@ -93,6 +97,8 @@ def slot_gatherer(
         Which of the voxels' directions are stored; None: as many as the storage says.
     sky
         What cones see beyond the voxels; None: darkness.
+    has_derivatives
+        Whether derivatives of what cones see are wanted.
     """
     receivers = [slot_receivers(each) if each.count else None for each in surfaces]
 
@@ -104,6 +110,7 @@ def slot_gatherer(
             config.storage,
             directions,
             keeps_empty=config.is_kept("levels"),
+            has_derivatives=has_derivatives,
         )
         return [
             dr.zeros(mi.Color3f, 0)

@@ -27,6 +27,8 @@ from reports.bench_record import (
     StageResult,
 )
 from vctgi.clipmap.levels import ClipmapConfig
+from vctgi.clipmap.storage import storage_in_use
+from vctgi.clipmap.stored_directions import directions_of
 from vctgi.config import RenderConfig
 from vctgi.frame_pipeline import FrameTally
 from vctgi.pipeline import PreparedScene
@@ -269,7 +271,9 @@ def _describe(prepared: PreparedScene, config: RenderConfig) -> str:
     )
     specular = ", specular cones" if prepared.plan.has_specular else ""
     every = config.reconstruction.sparsity
+    directions = prepared.plan.directions or directions_of(config.storage.direction_count)
+    storage = storage_in_use(config.storage, layout, directions, has_derivatives=False)
     return (
-        f"{layout.clip_level_count} levels of {layout.resolution}^3, {config.storage.format}; "
+        f"{layout.clip_level_count} levels of {layout.resolution}^3, {storage.format}; "
         f"{cones} at every {'' if every == 1 else f'{every}th '}pixel{specular}"
     )

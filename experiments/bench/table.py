@@ -30,7 +30,7 @@ def _preset_lines(preset: PresetResult) -> Iterator[str]:
             f"scaled to an H200, goal {preset.goal_ms:g}"
         )
     yield (
-        f"  rates: {rates.coherent_reads:.3g} texels/s coherent, {rates.random_reads:.3g} random; "
+        f"  rates: {rates.coherent_reads:.3g} reads/s coherent, {rates.random_reads:.3g} random; "
         f"{rates.copied_bytes:.3g} bytes/s copied; volume {cones.volume_bytes / 2**20:.0f} MiB"
     )
     for name, count, samples in (

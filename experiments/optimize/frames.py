@@ -22,7 +22,7 @@ from experiments.optimize.statistics import FILTERING_WORK, FrameCost
 from experiments.optimize.target import Array
 from experiments.optimize.views import View, load_view, move_scene
 from experiments.studies.phases import phase_offsets
-from vctgi.clipmap.storage import StorageConfig, VoxelVolume
+from vctgi.clipmap.storage import VoxelVolume
 from vctgi.config import RenderConfig
 from vctgi.pipeline import FrameTally, PreparedScene
 from vctgi.stages.cone_tracing.cone_values import MARCH_NAMES
@@ -183,7 +183,9 @@ class FrameSource:
     ) -> tuple[PreparedScene, VoxelVolume]:
         """Return a scene at the frame's place in the lattice, with lit voxels."""
         # Derivatives of cones go through numbers, not through a texture unit.
-        config = replace(config, storage=StorageConfig())
+        storage = config.storage
+        if storage.format in ("auto", "texture16"):
+            config = replace(config, storage=replace(storage, format="float32"))
         key = (view.key, number, lighting_key(config))
         if key in self._volumes:
             self._volumes.move_to_end(key)

@@ -1,16 +1,13 @@
-"""What the clipmap holds: opacity and emittance of every voxel, and how both are stored to be read.
+"""How voxels are stored to be read, and bringing them into that format.
 
-The stages work on single precision along six directions, [level, direction, z, y, x], with each
-level's texels at their toroidal address. Emittance is premultiplied by opacity (radiance x
-opacity), so that it filters like colour with alpha. `pack_volume` brings both into the format that
-cones read.
+`pack_volume` brings what the stages work on (`working_voxels.py`) into the format that cones read.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import drjit as dr
@@ -24,7 +21,6 @@ from vctgi.clipmap.integer_formats import ByteCode, PackedCode
 from vctgi.clipmap.levels import ClipmapLayout, LevelLayout
 from vctgi.clipmap.neighbourhood import VoxelTexels
 from vctgi.clipmap.reduction import reduce_directions
-from vctgi.clipmap.slots import DEFAULT_RULE, SlotRule
 from vctgi.clipmap.stored_directions import StoredDirections, directions_of, select_directions
 from vctgi.clipmap.texel_choice import TexelChoice
 from vctgi.clipmap.texture_target import (
@@ -33,6 +29,8 @@ from vctgi.clipmap.texture_target import (
     texture_depth,
     texture_scale,
 )
+from vctgi.clipmap.working_voxels import EmittanceClipmap as EmittanceClipmap
+from vctgi.clipmap.working_voxels import OpacityClipmap as OpacityClipmap
 from vctgi.maths.directions import DIRECTION_COUNT
 
 StorageFormat = Literal["auto", "float32", "float16", "rgb10a2", "rgba8", "srgb8", "texture16"]
@@ -53,77 +51,6 @@ SCALED_FORMATS = ("rgb10a2", "rgba8", "srgb8")
 
 SMALLEST_SCALE_EXPONENT = -126
 """Exponent of the smallest scale that is chosen, that of the smallest normal number."""
-
-
-@dataclass
-class OpacityClipmap:
-    """Opacity of every voxel.
-
-    Attributes
-    ----------
-    layout
-        Where the levels lie.
-    levels
-        For each level the flat opacities [direction, z, y, x], in [0, 1]: the share of light that
-        one voxel of the level stops along that direction of travel.
-    rule
-        How thick the surfaces were made, which their light has to follow.
-    growth
-        For each level 1, with the derivative of each slot's covered area over that area, which
-        goes on where opacity stops at 1; None where no surface moves.
-    thickness
-        `rule.thickness_voxels` with derivatives, one lane; None where it has none.
-    """
-
-    layout: ClipmapLayout
-    levels: list[mi.Float]
-    rule: SlotRule = DEFAULT_RULE
-    growth: list[mi.Float] | None = None
-    thickness: mi.Float | None = None
-
-
-@dataclass
-class SlotColors:
-    """Emittance of the slots of each level, W m^-2 sr^-1."""
-
-    levels: list[mi.Color3f]
-
-    def read(self, level: int, index: mi.UInt32, active: mi.Bool) -> mi.Color3f:
-        """Return emittance of slots of a level."""
-        return dr.gather(mi.Color3f, self.levels[level], index, active)
-
-
-@dataclass
-class EmittanceClipmap:
-    """Emittance of every voxel.
-
-    Attributes
-    ----------
-    layout
-        Where the levels lie.
-    levels
-        For each level the flat emittances [direction, z, y, x] in W m^-2 sr^-1, premultiplied by
-        opacity: what a ray travelling along the direction meets from its front.
-    lost_flux_share
-        Share of the reflected flux that fell where the clipmap has no opacity, per clip level.
-    steps_per_unit
-        Fixed-point steps in which light was summed, per clip level: per W m^-2 sr^-1, and per its
-        square where light was summed times radiance; 0 where there was none.
-    """
-
-    layout: ClipmapLayout
-    levels: list[mi.Color3f]
-    lost_flux_share: list[float]
-    steps_per_unit: list[tuple[float, float]] = field(default_factory=list)
-
-    @property
-    def slots(self) -> SlotColors:
-        """Arrays of the same, and nothing else."""
-        return SlotColors(self.levels)
-
-    def emittance(self) -> EmittanceClipmap:
-        """Return it as it is: all slots are known."""
-        return self
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,7 +82,7 @@ class StorageConfig:
         if self.format not in SCALED_FORMATS:
             raise ValueError(
                 f'StorageConfig.scale is for {SCALED_FORMATS}; leave it None for "{self.format}", '
-                "which stores emittance as it is."
+                "which needs none."
             )
         if not 2.0**SMALLEST_SCALE_EXPONENT <= self.scale <= 2.0**-SMALLEST_SCALE_EXPONENT:
             raise ValueError(
@@ -240,7 +167,7 @@ def storage_in_use(
 
 
 def bytes_per_voxel(config: StorageConfig) -> int:
-    """Return the bytes that a voxel takes, all directions together; for "auto", at most.
+    """Return the bytes that a voxel takes, all directions together; of "auto" those of "float32".
 
     What a texture repeats at the rims of its slabs, and of levels smaller than itself, comes on
     top; `VoxelVolume.byte_count` counts it.
@@ -286,10 +213,12 @@ def pack_volume(
             'use "float32", or detach what they follow from.'
         )
     stored = directions or directions_of(config.direction_count)
+    # Single precision holds whatever the stages wrote, so it is not searched for what it cannot;
+    # nor is what "auto" chooses, which is for what they write.
+    is_searched = config.format not in ("float32", "auto")
     config = storage_in_use(config, layout, stored, has_derivatives=has_derivatives)
     is_empty = [empty and not keeps_empty for empty in empty_levels(opacity.levels)]
-    # Single precision holds whatever the stages wrote, so it is not searched for what it cannot.
-    scale = None if config.format == "float32" else _find_scale(opacity, emittance, config)
+    scale = _find_scale(opacity, emittance, config) if is_searched else None
 
     def texels_of(level: LevelLayout) -> LevelTexels:
         color = emittance.levels[level.level]

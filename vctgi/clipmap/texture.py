@@ -76,7 +76,10 @@ class TextureTexels:
 
     @property
     def byte_count(self) -> int:
-        """Bytes of the texture, padding and repetitions included."""
+        """Bytes of the texture, padding and repetitions included.
+
+        Dr.Jit 1.5 holds two arrays of the same size beside a texture that kernels write.
+        """
         return 2 * math.prod(int(size) for size in self.texture.shape)
 
     def weight_error(self) -> float:

@@ -111,7 +111,7 @@ def audit_points(
             'that are interpolated; set it to "linear".'
         )
     table = cone_after_cone(dr.width(gbuffer.position), cones.cone_count)
-    lanes = diffuse_lanes(gbuffer, volume, cones, config, order=table)
+    lanes = diffuse_lanes(gbuffer, volume, cones, config, table)
     active, reach = lanes.active, dr.zeros(mi.Float, dr.width(lanes.ratio))
     near_light = dr.zeros(mi.Color3f, dr.width(lanes.ratio))
     if config.near_field_voxels > 0.0:

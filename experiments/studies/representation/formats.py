@@ -232,6 +232,7 @@ def _lit_room(context: StudyContext) -> LitRoom:
         config = replace(
             preset("high"),
             clipmap=ClipmapConfig(resolution=RESOLUTION),
+            storage=StorageConfig(),
             samples_per_pixel=1 if context.quick else 4,
         )
         scene = load_scene(SCENE, resolution=32 if context.quick else 128)

@@ -16,7 +16,7 @@ import numpy as np
 
 from experiments.studies.check import Check, Measured, StudyContext
 from experiments.studies.representation.speed_scenes import sheets
-from vctgi.clipmap.storage import StorageConfig, StorageFormat, bytes_per_voxel
+from vctgi.clipmap.storage import CODES, StorageConfig, StorageFormat, bytes_per_voxel
 from vctgi.stages.voxelization.opacity import voxelize_opacity
 
 RESOLUTIONS = (32, 64, 128, 256)
@@ -37,7 +37,7 @@ MIB = 2.0**20
 def checks() -> list[Check]:
     """Return the checks of memory."""
     found = []
-    for name in get_args(StorageFormat):
+    for name in filter(CODES.__contains__, get_args(StorageFormat)):
         low, high = COMPACT.get(name, (None, None))
         found.append(
             Check(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
 import drjit as dr
 import mitsuba as mi
@@ -13,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.vctgi.hand_made_volumes import emittance_of, opacity_of, random_values
+from vctgi.clipmap import storage
 from vctgi.clipmap.levels import ClipmapLayout, lay_out_clipmap
 from vctgi.clipmap.sampling import read_medium, read_surface
 from vctgi.clipmap.storage import (
@@ -199,11 +201,14 @@ def test_a_texture_needs_a_gpu(variant: str) -> None:
         packed(where, *random_values(where, 2), StorageConfig(format="texture16"))
 
 
+@pytest.mark.parametrize("is_gpu", [False, True])
 @pytest.mark.parametrize("has_derivatives", [False, True])
 def test_auto_is_a_texture_where_there_is_a_gpu_and_nothing_to_differentiate(
-    has_derivatives: bool,
+    has_derivatives: bool, is_gpu: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    is_gpu = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
+    backend = dr.JitBackend.CUDA if is_gpu else dr.JitBackend.LLVM
+    fake = SimpleNamespace(backend_v=lambda _: backend, JitBackend=dr.JitBackend)
+    monkeypatch.setattr(storage, "dr", fake)
 
     def in_use(level_count: int) -> str:
         where = lay_out_clipmap(

@@ -16,6 +16,7 @@ from vctgi.clipmap.storage import VoxelVolume
 from vctgi.debug.leak_march import Cones, LeakSample, Probes, march_with_probes
 from vctgi.scene.receivers import white_receivers
 from vctgi.stages.cone_tracing.diffuse import DiffuseConesConfig, diffuse_lanes
+from vctgi.stages.cone_tracing.lane_order import cone_after_cone
 from vctgi.stages.cone_tracing.march import ConeMarchConfig, march_cone
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -34,9 +35,9 @@ def furnace() -> tuple[VoxelVolume, Cones]:
     scene = scenes.white_furnace(3, seed=1)
     layout = lay_out_window(scene.triangles)
     volume = light_exactly(scene_of(scene.triangles), layout, constant_radiance(scene.radiance))
-    lanes = diffuse_lanes(
-        white_receivers(scene.points, scene.normals), volume, CONES.cones(), CONES
-    )
+    at, cones = white_receivers(scene.points, scene.normals), CONES.cones()
+    table = cone_after_cone(len(scene.points), cones.cone_count)
+    lanes = diffuse_lanes(at, volume, cones, CONES, table)
     nothing = dr.zeros(mi.Float, dr.width(lanes.ratio))
     return volume, Cones(lanes.apex, lanes.axis, lanes.ratio, lanes.phase, nothing)
 

@@ -105,6 +105,33 @@ def test_a_texture_holds_the_same_in_half_precision(
             assert level.level in empty or b.max() > 0.0
 
 
+def test_a_texture_has_room_for_light_that_merging_adds_up() -> None:
+    """Thin voxels that all shine: what a ray meets in two of them is twice as much."""
+    where = layout()
+    shapes = [(6,) + (level.resolution,) * 3 for level in where.levels]
+    alphas = [np.full(shape, 2.0**-10) for shape in shapes]
+    colors = [np.full((*shape, 3), 1.0) for shape in shapes]
+    opacity, emittance = opacity_of(where, alphas), emittance_of(where, colors)
+    found = packed_in_texture(opacity, emittance, SIX)
+    expected = downsample_volume(opacity, emittance, DownsamplingConfig(), StorageConfig(), SIX)
+    brightest = []
+    for level in where.levels:
+        ours, theirs = (np.array(unpack_level(each, level).emittance) for each in (found, expected))
+        np.testing.assert_allclose(ours, theirs, rtol=2e-3)
+        brightest.append(theirs.max())
+    # Twice the brightest is what half precision has left without room.
+    assert brightest[-1] > 4.0
+
+
+def test_a_texture_of_nothing_is_nothing() -> None:
+    opacity, emittance = voxels(layout(), empty=(0, 1, 2))
+    found = packed_in_texture(opacity, emittance, SIX)
+    for level in found.layout.levels:
+        texels = unpack_level(found, level)
+        assert not np.array(texels.emittance).any()
+        assert not np.array(texels.opacity).any()
+
+
 @pytest.mark.parametrize("level_count", [1, 2])
 def test_voxels_without_light_are_dark(level_count: int) -> None:
     opacity, emittance = voxels(layout(level_count))

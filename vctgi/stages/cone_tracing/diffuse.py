@@ -80,7 +80,8 @@ def _trace_pass(
 ) -> mi.Color3f:
     """Gather the light of as many points as fit one pass."""
     points = dr.width(gbuffer.position)
-    lanes = diffuse_lanes(gbuffer, volume, cones, config, parameters)
+    order = LaneOrder.of(cones.cone_count, config.near_field_voxels)
+    lanes = diffuse_lanes(gbuffer, volume, cones, config, order, parameters)
     point, cone, axis, normal = lanes.point, lanes.cone, lanes.axis, lanes.normal
     apex, ratio, phase, active = lanes.apex, lanes.ratio, lanes.phase, lanes.active
     march = config.march if parameters is None else parameters.march(config.march, cone)
@@ -112,7 +113,6 @@ def _trace_pass(
 
     gathered = mi.Color3f(0.0)
     place = dr.arange(mi.UInt32, points)
-    order = LaneOrder.of(cones.cone_count, config.near_field_voxels)
     weights: list[float | mi.Float] = list(cones.weights)
     if parameters is not None:
         shares = parameters.normalised_weights()
@@ -159,11 +159,10 @@ def diffuse_lanes(
     volume: VoxelVolume,
     cones: ConeSet,
     config: DiffuseConesConfig,
+    order: LaneOrder,
     parameters: ConeValues | None = None,
-    order: LaneOrder | None = None,
 ) -> DiffuseLanes:
-    """Return the cones of all points, in an order that is given or fast."""
-    order = order or LaneOrder.of(cones.cone_count, config.near_field_voxels)
+    """Return the cones of all points."""
     lanes = order.deal(dr.width(gbuffer.position))
     point, cone = lanes.point, lanes.cone
     sample_index = dr.gather(mi.UInt32, gbuffer.sample_index, point)

@@ -59,7 +59,7 @@ def differentiated_march(
     elif not isinstance(volume.texels, GatheredTexels):
         raise ValueError(
             'march_cone: the format "texture16" has no derivatives, its weights are those of '
-            "the texture unit; light the voxels with `parameters`, too, or "
+            'the texture unit; light voxels of the format "auto" with `parameters`, too, or '
             'set StorageConfig.format to "float32".'
         )
     wanted = [name for name, value in lanes.items() if dr.grad_enabled(value)]

@@ -31,7 +31,7 @@ from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.maths.recording import Recorder, run_recorded
 from vctgi.stages.downsampling.config import DownsamplingConfig
 from vctgi.stages.downsampling.levels import downsample
-from vctgi.stages.downsampling.texel_making import Slots, TexelMaker
+from vctgi.stages.downsampling.texel_making import SlotEmittance, TexelMaker
 
 DIRECT_FORMATS = ("float32", "texture16")
 """Formats that levels are stored in as they are made."""
@@ -41,7 +41,7 @@ class Light(Protocol):
     """Emittance at each clip level's own resolution, however it is kept."""
 
     @property
-    def slots(self) -> Slots:
+    def slots(self) -> SlotEmittance:
         """Arrays of the same, and nothing else."""
 
     def emittance(self) -> EmittanceClipmap:
@@ -79,7 +79,8 @@ def downsample_volume(
     Raises
     ------
     ValueError
-        As `pack_volume` does.
+        As `pack_volume` does, but that "float32" and "texture16" are not searched for numbers that
+        they cannot hold: the stages write none.
     """
     is_live = bool(dr.grad_enabled(opacity.levels, getattr(light, "levels", None)))
     stored = directions or directions_of(storage.direction_count)

@@ -34,7 +34,7 @@ ROW, COVERED = 6, 3
 begin."""
 
 
-class Slots(Protocol):
+class SlotEmittance(Protocol):
     """Emittance at each clip level's own resolution, as arrays."""
 
     def read(self, level: int, index: mi.UInt32, active: mi.Bool) -> mi.Color3f:
@@ -90,7 +90,7 @@ class TexelMaker:
         return stored_edges(self.resolutions, self.is_empty)
 
     def make(
-        self, alphas: list[mi.Float], slots: Slots | None, rows: mi.Int32, texture: Any
+        self, alphas: list[mi.Float], emittance: SlotEmittance | None, rows: mi.Int32, texture: Any
     ) -> MadeTexels:
         """Make all texels.
 
@@ -98,7 +98,7 @@ class TexelMaker:
         ----------
         alphas
             Opacity at each clip level's own resolution.
-        slots
+        emittance
             Emittance of the same; None: all voxels are dark.
         rows
             For each level the lowest voxel of its window, and the lowest of it that the finer
@@ -106,7 +106,7 @@ class TexelMaker:
         texture
             What `empty_texture` returned for the edges; None where texels are words.
         """
-        making = _Making(self, alphas, slots, rows)
+        making = _Making(self, alphas, emittance, rows)
         if not self.is_texture:
             words = WordTarget(self.edges, self.directions)
             making.fill(words)
@@ -160,7 +160,7 @@ class _Making:
 
     maker: TexelMaker
     alphas: list[mi.Float]
-    slots: Slots | None
+    emittance: SlotEmittance | None
     rows: mi.Int32
 
     def fill(self, target: TexelTarget) -> None:
@@ -177,12 +177,12 @@ class _Making:
     def peak(self) -> mi.Float:
         """Return the largest emittance of any slot of a clip level, W m^-2 sr^-1."""
         largest = mi.Float(0.0)
-        if self.slots is None:
+        if self.emittance is None:
             return largest
         # All clip levels have as many slots.
         slot = dr.arange(mi.UInt32, dr.width(self.alphas[0]))
         for level in range(self.maker.clip_level_count):
-            color = self.slots.read(level, slot, mi.Bool(True))
+            color = self.emittance.read(level, slot, mi.Bool(True))
             largest = dr.maximum(largest, dr.max(color))
         return mi.Float(dr.max(largest))
 
@@ -209,7 +209,7 @@ class _Making:
             [(mi.Float(front.w), mi.Float(back.w)) for front, back in columns], maker.mips
         )
         texel = mi.Vector4f(0.0, 0.0, 0.0, as_component(alpha))
-        if self.slots is not None:
+        if self.emittance is not None:
             color = merge_emittance(
                 [(_color(front), _color(back)) for front, back in columns], shares
             )
@@ -270,8 +270,8 @@ class _Making:
         """Return texels that were voxelized and lit at a level's own resolution."""
         alpha = dr.gather(mi.Float, self.alphas[level], index, active)
         color = mi.Color3f(0.0)
-        if self.slots is not None:
-            color = self.slots.read(level, index, active)
+        if self.emittance is not None:
+            color = self.emittance.read(level, index, active)
         return mi.Vector4f(color.x, color.y, color.z, as_component(alpha))
 
     def _direction(self, slot: mi.UInt32) -> mi.UInt32:

@@ -36,7 +36,7 @@ def axes(config: DiffuseConesConfig, *, is_live: bool = False) -> np.ndarray:
     at = white_receivers(np.zeros((POINTS, 3)), up)
     parameters = ConeParameters.from_config(config) if is_live else None
     table = cone_after_cone(POINTS, config.cone_count)
-    lanes = diffuse_lanes(at, glowing_fog(), config.cones(), config, parameters, table)
+    lanes = diffuse_lanes(at, glowing_fog(), config.cones(), config, table, parameters)
     return np.array(lanes.axis).T.reshape(COUNT, POINTS, 3)
 
 
