@@ -302,10 +302,11 @@ class _Tracing:
         packed = pack_lanes(active, width)
         here = dr.gather(_Points, points, packed.source, packed.active)
         found = self._march(here, cone_of(here), packed.active)
-        radiance = dr.zeros(mi.Color3f, width)
+        # Not zeros, which would be written first, for each of a lobe's cones.
+        radiance = dr.empty(mi.Color3f, width)
         dr.scatter(radiance, found, packed.source, packed.active)
         dr.eval(radiance)
-        return radiance
+        return dr.select(active, radiance, 0.0)
 
     def _march(self, points: _Points, cone: _Cone, active: mi.Bool) -> mi.Color3f:
         """Radiance along cones that start at points; 0 of those that are not active."""
