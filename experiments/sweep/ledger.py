@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 import sqlite3
+import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,9 @@ LEDGER_VERSION: Final = 1
 
 BUSY_SECONDS: Final = 30.0
 """A transaction takes milliseconds; another sweep's may be waited for so long."""
+
+RETRY_SECONDS: Final = 0.02
+"""Between two tries where SQLite does not wait by itself."""
 
 _TABLE: Final = """
 CREATE TABLE IF NOT EXISTS jobs (
@@ -88,7 +92,7 @@ class SweepLedger:
 
     def _open(self, path: Path) -> None:
         try:
-            self._base.execute("PRAGMA journal_mode = WAL")
+            self._write_ahead()
             # A change that a power cut takes back is found again by its record
             self._base.execute("PRAGMA synchronous = NORMAL")
             self._base.execute("PRAGMA temp_store = MEMORY")
@@ -111,6 +115,19 @@ class SweepLedger:
                 where=str(path),
                 remedy="delete it: finished records beside it are taken up again",
             ) from error
+
+    def _write_ahead(self) -> None:
+        """Log writes ahead; SQLite does not wait for another sweep that begins to, so this does."""
+        end = time.monotonic() + BUSY_SECONDS
+        while True:
+            try:
+                self._base.execute("PRAGMA journal_mode = WAL")
+            except sqlite3.OperationalError as error:
+                if "locked" not in str(error) or time.monotonic() > end:
+                    raise
+                time.sleep(RETRY_SECONDS)
+            else:
+                return
 
     def close(self) -> None:
         """Let go of the file."""
