@@ -147,7 +147,7 @@ class _Lighting:
         if dr.grad_enabled(texels):
             return None
         with self.clock("light injection"):
-            return inject_all_levels(texels, self.opacity)
+            return inject_all_levels(texels, self.opacity, self.recorder)
 
     def finish(
         self, light: EmittanceClipmap | SummedLight, fallen: FallenLight | CountedLight

@@ -14,17 +14,17 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.addressing import gather_own, texel_from_voxel
-from vctgi.clipmap.slots import filled_layers, surface_slot
-from vctgi.clipmap.storage import EmittanceClipmap, OpacityClipmap
+from vctgi.clipmap.levels import LevelLayout
+from vctgi.clipmap.slots import SlotRule, filled_layers, surface_slot
+from vctgi.clipmap.storage import OpacityClipmap
 from vctgi.maths.directions import DIRECTION_COUNT
-from vctgi.maths.number_rows import IntegerRow, entry
+from vctgi.maths.number_rows import IntegerRow
+from vctgi.maths.recording import Recorder, run_recorded
 from vctgi.maths.stub_gaps import as_component
 from vctgi.scene.records import FallenLight, LightTexels
 from vctgi.stages.light_injection.config import LightInjectionConfig
 from vctgi.stages.light_injection.splats import fixed_point, radiance_per_flux
-
-CHANNELS = 3
-"""Sums of a slot."""
+from vctgi.stages.light_injection.summed_light import CHANNELS, SummedLight
 
 SUM_BITS = 60
 """The sum of everything that is injected is below 2 to this power."""
@@ -41,79 +41,9 @@ def is_by_scatter(config: LightInjectionConfig) -> bool:
     return (config.algorithm, config.prefilter, config.normalisation) == ("scatter", 1, "power")
 
 
-@dataclass
-class SlotSums:
-    """Light in the slots of all clip levels; the attributes are those of `SummedLight`.
-
-    Attributes
-    ----------
-    alphas
-        Opacity of each clip level.
-    """
-
-    alphas: list[mi.Float]
-    sums: mi.Int64
-    per_step: mi.Float64
-
-    def read(self, level: int, index: mi.UInt32, active: mi.Bool) -> mi.Color3f:
-        """Return emittance of slots of a clip level, W m^-2 sr^-1."""
-        alpha = dr.gather(mi.Float, self.alphas[level], index, active)
-        slot = mi.UInt32(level * dr.width(self.alphas[level])) + index
-        is_lit = active & (alpha > 0.0)
-        per_step = entry(self.per_step, level)
-        sums = (
-            dr.gather(mi.Int64, self.sums, CHANNELS * slot + channel, is_lit)
-            for channel in range(CHANNELS)
-        )
-        return mi.Color3f(*(mi.Float(mi.Float64(each) * per_step) for each in sums))
-
-
-@dataclass
-class SummedLight:
-    """Light in the slots of all clip levels, in fixed point.
-
-    Attributes
-    ----------
-    opacity
-        The voxels that were lit.
-    sums
-        [level, direction, z, y, x, channel]; of slots without opacity, any number.
-    per_step
-        [level] W m^-2 sr^-1 of a step.
-    total
-        Sum of the largest channels of all flux, W; not finite where a light's power or what a
-        surface reflects is none.
-    fallen
-        What became of it.
-    """
-
-    opacity: OpacityClipmap
-    sums: mi.Int64
-    per_step: mi.Float64
-    total: mi.Float64
-    fallen: FallenLight
-
-    @property
-    def slots(self) -> SlotSums:
-        """Arrays of the same, and nothing else."""
-        alphas = self.opacity.levels[: self.opacity.layout.clip_level_count]
-        return SlotSums(alphas, self.sums, self.per_step)
-
-    def emittance(self) -> EmittanceClipmap:
-        """Return the emittance of all slots; the host reads how much light was lost."""
-        layout = self.opacity.layout
-        colors = []
-        for level in layout.levels:
-            count = DIRECTION_COUNT * level.voxel_count
-            if level.level >= layout.clip_level_count:
-                colors.append(dr.zeros(mi.Color3f, count))
-                continue
-            colors.append(self.slots.read(level.level, dr.arange(mi.UInt32, count), mi.Bool(True)))
-        dr.eval(colors)
-        return EmittanceClipmap(layout, colors, self.fallen.lost_flux_share)
-
-
-def inject_all_levels(texels: Sequence[LightTexels], opacity: OpacityClipmap) -> SummedLight:
+def inject_all_levels(
+    texels: Sequence[LightTexels], opacity: OpacityClipmap, recorder: Recorder | None = None
+) -> SummedLight:
     """Sum the light of texels in the slots that they lie in.
 
     Parameters
@@ -122,38 +52,22 @@ def inject_all_levels(texels: Sequence[LightTexels], opacity: OpacityClipmap) ->
         Lit points of all lights.
     opacity
         Opacity at each clip level's own resolution, without derivatives.
+    recorder
+        Keeps what is traced; None: nobody does.
     """
-    layout = opacity.layout
-    levels = layout.clip_levels
-    total = mi.Float64(0.0)
-    for each in texels:
-        total += mi.Float64(each.sum())
-    per_flux = mi.Float64([radiance_per_flux(level) for level in levels])
-    steps, per_step = _powers_of_two(total * per_flux)
-    dr.eval(total, steps, per_step)
-    slot_count = _slot_count(opacity)
-    sums = dr.empty(mi.Int64, len(levels) * slot_count * CHANNELS)
-    slot = dr.arange(mi.UInt32, slot_count)
-    for level in levels:
-        is_covered = opacity.levels[level.level] > 0.0
-        for channel in range(CHANNELS):
-            place = CHANNELS * (slot + level.level * slot_count) + channel
-            # Without the mode, Dr.Jit launches a channel before the next is added.
-            dr.scatter(sums, mi.Int64(0), place, is_covered, dr.ReduceMode.NoConflicts)
-    dr.eval(sums)
-    target = _Target(opacity, sums, steps)
-    parts = []
-    for each in texels:
-        parts.append(target.add(each))
-        # One after the other, so that the kernel is the same however many there are.
-        dr.eval(parts[-1], sums)
+    levels = opacity.layout.clip_levels
+    injection = _Injection(len(levels), levels[0].resolution, opacity.rule)
+    lights = [_LaneTexels(each, *_lanes(each, len(levels))) for each in texels]
+    totals = [each.sum() for each in texels]
+    if recorder is not None:
+        dr.eval(lights, totals)
+    inputs = (opacity.levels[: len(levels)], _WindowRows.of(levels), lights, totals)
+    # Whether light serves all levels is another kernel.
+    key = ("light injection", injection, tuple(each.texel is None for each in lights))
+    made = run_recorded(recorder, key, injection.inject, *inputs)
+    parts = [(each.level, *both) for each, both in zip(lights, made.parts, strict=True)]
     fallen = FallenLight(len(levels), parts, [each.is_lit for each in texels])
-    return SummedLight(opacity, sums, per_step, total, fallen)
-
-
-def _slot_count(opacity: OpacityClipmap) -> int:
-    """Slots of a clip level; all have as many."""
-    return DIRECTION_COUNT * opacity.layout.levels[0].voxel_count
+    return SummedLight(opacity, made.sums, made.per_step, made.total, fallen)
 
 
 def _powers_of_two(total: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
@@ -168,40 +82,169 @@ def _powers_of_two(total: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
     return found[0], found[1]
 
 
-class _Target:
-    """Slots of all clip levels, and where their windows stand."""
+@dataclass
+class _WindowRows:
+    """Windows of all clip levels on the device.
 
-    def __init__(self, opacity: OpacityClipmap, sums: mi.Int64, steps: mi.Float64) -> None:
-        self.opacity, self.sums, self.steps = opacity, sums, steps
-        self.levels = opacity.layout.clip_levels
+    A row more than there are levels: Dr.Jit would make a single number a constant.
+
+    Attributes
+    ----------
+    origins
+        Flat [level, 6]: lowest voxel, and that of the next finer window.
+    voxel_sizes
+        [level] world units.
+    per_flux
+        [level] emittance that a watt adds to a voxel which faces it squarely, m^-2 sr^-1.
+    """
+
+    origins: mi.Int32
+    voxel_sizes: mi.Float
+    per_flux: mi.Float64
+
+    @classmethod
+    def of(cls, levels: Sequence[LevelLayout]) -> _WindowRows:
+        """Return the rows of clip levels."""
         rows: list[int] = []
-        for level in self.levels:
-            finer = self.levels[level.level - 1].origin if level.level > 0 else 3 * (NEVER_INSIDE,)
+        for level in levels:
+            finer = levels[level.level - 1].origin if level.level > 0 else 3 * (NEVER_INSIDE,)
             rows += [*level.origin, *finer]
-        self.origins = mi.Int32(rows)
-        self.voxel_sizes = mi.Float([level.voxel_size for level in self.levels])
-        self.per_flux = mi.Float([radiance_per_flux(level) for level in self.levels])
+        ends = [*levels, levels[-1]]
+        return cls(
+            mi.Int32(rows),
+            mi.Float([level.voxel_size for level in ends]),
+            mi.Float64([radiance_per_flux(level) for level in ends]),
+        )
 
-    def add(self, texels: LightTexels) -> tuple[mi.UInt32, mi.Float, mi.Float]:
-        """Add texels without evaluating the sums; return their levels, light found and lost."""
-        level, texel = _lanes(texels, len(self.levels))
+
+@dataclass
+class _LaneTexels:
+    """Texels of a light, with a lane for each level that one serves.
+
+    Attributes
+    ----------
+    texels
+        The texels.
+    level
+        Clip level of each lane.
+    texel
+        Texel of each lane; None where lanes are texels.
+    """
+
+    texels: LightTexels
+    level: mi.UInt32
+    texel: mi.UInt32 | None
+
+
+@dataclass
+class _Injected:
+    """What `_Injection.inject` returns: attributes of `SummedLight`.
+
+    Attributes
+    ----------
+    parts
+        Light found and lost of each lane, for each light.
+    """
+
+    sums: mi.Int64
+    per_step: mi.Float64
+    total: mi.Float64
+    parts: list[tuple[mi.Float, mi.Float]]
+
+
+@dataclass(frozen=True)
+class _Injection:
+    """How light is summed: all that kernels hold, which tells recordings apart.
+
+    Attributes
+    ----------
+    level_count, resolution
+        Clip levels, and voxels along an edge of each.
+    rule
+        How thick surfaces were made.
+    """
+
+    level_count: int
+    resolution: int
+    rule: SlotRule
+
+    @property
+    def slot_count(self) -> int:
+        """Slots of a clip level."""
+        return DIRECTION_COUNT * self.resolution**3
+
+    def inject(
+        self,
+        alphas: list[mi.Float],
+        windows: _WindowRows,
+        lights: list[_LaneTexels],
+        totals: list[mi.Float],
+    ) -> _Injected:
+        """Sum the light of all lights.
+
+        Parameters
+        ----------
+        alphas
+            Opacity of each clip level.
+        windows
+            Where the levels stand.
+        lights, totals
+            Texels, and the sum of their largest channels, W, for each light.
+        """
+        total = mi.Float64(0.0)
+        for each in totals:
+            total += mi.Float64(each)
+        steps, per_step = _powers_of_two(total * windows.per_flux)
+        dr.eval(total, steps, per_step)
+        sums = dr.empty(mi.Int64, self.level_count * self.slot_count * CHANNELS)
+        slot = dr.arange(mi.UInt32, self.slot_count)
+        for level, alpha in enumerate(alphas):
+            is_covered = alpha > 0.0
+            for channel in range(CHANNELS):
+                place = CHANNELS * (slot + level * self.slot_count) + channel
+                # Without the mode, Dr.Jit launches a channel before the next is added.
+                dr.scatter(sums, mi.Int64(0), place, is_covered, dr.ReduceMode.NoConflicts)
+        dr.eval(sums)
+        target = _Target(self, alphas, windows, sums, steps)
+        parts = []
+        for light in lights:
+            parts.append(target.add(light))
+            # One after the other, so that the kernel is the same however many there are.
+            dr.eval(parts[-1], sums)
+        return _Injected(sums, per_step, total, parts)
+
+
+@dataclass
+class _Target:
+    """Slots of all clip levels, to which light is added; attributes as of `_Injection.inject`."""
+
+    injection: _Injection
+    alphas: list[mi.Float]
+    windows: _WindowRows
+    sums: mi.Int64
+    steps: mi.Float64
+
+    def add(self, light: _LaneTexels) -> tuple[mi.Float, mi.Float]:
+        """Add texels without evaluating the sums; return the light of each that is found, lost."""
+        texels, level = light.texels, light.level
         position, normal = texels.position, texels.normal
         flux, is_lit = texels.reflected_flux, texels.is_lit
-        if texel is not None:
-            position = dr.gather(mi.Point3f, position, texel)
-            normal = dr.gather(mi.Vector3f, normal, texel)
-            flux = dr.gather(mi.Color3f, flux, texel)
-            is_lit = dr.gather(mi.Bool, is_lit, texel)
+        if light.texel is not None:
+            position = dr.gather(mi.Point3f, position, light.texel)
+            normal = dr.gather(mi.Vector3f, normal, light.texel)
+            flux = dr.gather(mi.Color3f, flux, light.texel)
+            is_lit = dr.gather(mi.Bool, is_lit, light.texel)
         step = [dr.gather(mi.Float64, self.steps, level)]
-        per_flux = dr.gather(mi.Float, self.per_flux, level)
-        where = position / as_component(dr.gather(mi.Float, self.voxel_sizes, level))
+        per_flux = mi.Float(dr.gather(mi.Float64, self.windows.per_flux, level))
+        voxel_size = dr.gather(mi.Float, self.windows.voxel_sizes, level)
+        where = position / as_component(voxel_size)
         voxel = mi.Vector3i(dr.floor(where))
         found, lost = mi.Float(0.0), mi.Float(0.0)
         for axis in range(3):
-            slot = surface_slot(mi.Float(normal[axis]), self.opacity.rule)
+            slot = surface_slot(mi.Float(normal[axis]), self.injection.rule)
             value = flux * as_component(dr.abs(normal[axis]) * per_flux)
-            light = [mi.Float(value[channel]) for channel in range(CHANNELS)]
-            amounts = fixed_point(light, None, step)
+            colors = [mi.Float(value[channel]) for channel in range(CHANNELS)]
+            amounts = fixed_point(colors, None, step)
             layers = filled_layers(mi.Float(where[axis]), slot)
             for number, (layer, is_filled) in enumerate(layers):
                 filled = mi.Vector3i([layer if i == axis else mi.Int32(voxel[i]) for i in range(3)])
@@ -213,18 +256,18 @@ class _Target:
                     mode = dr.ReduceMode.Direct
                     dr.scatter_reduce(dr.ReduceOp.Add, self.sums, amount, place, is_seen, mode)
                 if number == 0:
-                    mean = mi.Float((light[0] + light[1] + light[2]) * (1.0 / 3.0))
+                    mean = mi.Float((colors[0] + colors[1] + colors[2]) * (1.0 / 3.0))
                     found += dr.select(is_seen, mean, 0.0)
                     lost += dr.select(is_active & ~is_seen, mean, 0.0)
-        return level, found, lost
+        return found, lost
 
     def _holds(self, voxel: mi.Vector3i, level: mi.UInt32) -> mi.Bool:
         """Whether voxels lie in their level's window, and not in that of the next finer one."""
         inside, is_finer = mi.Bool(True), mi.Bool(True)
-        resolution = self.levels[0].resolution
+        origins, resolution = self.windows.origins, self.injection.resolution
         for axis in range(3):
-            own = dr.gather(mi.Int32, self.origins, 6 * level + axis)
-            finer = dr.gather(mi.Int32, self.origins, 6 * level + (3 + axis))
+            own = dr.gather(mi.Int32, origins, 6 * level + axis)
+            finer = dr.gather(mi.Int32, origins, 6 * level + (3 + axis))
             inside &= mi.UInt32(voxel[axis] - own) < resolution
             is_finer &= mi.UInt32(2 * voxel[axis] - finer) < resolution
         return inside & ~is_finer
@@ -233,11 +276,10 @@ class _Target:
         self, voxel: mi.Vector3i, level: mi.UInt32, direction: mi.UInt32, active: mi.Bool
     ) -> tuple[mi.UInt32, mi.Float]:
         """Return the number of a slot among those of all levels, and its opacity."""
-        count = self.levels[0].voxel_count
-        index = texel_from_voxel(voxel, self.levels[0].resolution) + direction * count
-        alphas = self.opacity.levels[: len(self.levels)]
-        alpha = gather_own(alphas, level, index, active)
-        return index + level * (DIRECTION_COUNT * count), alpha
+        resolution = self.injection.resolution
+        index = texel_from_voxel(voxel, resolution) + direction * resolution**3
+        alpha = gather_own(self.alphas, level, index, active)
+        return index + level * self.injection.slot_count, alpha
 
 
 def _lanes(texels: LightTexels, level_count: int) -> tuple[mi.UInt32, mi.UInt32 | None]:
