@@ -24,6 +24,8 @@ from vctgi.pipeline import (
     light_volume,
     prepare_scene,
     render_frame,
+    update_voxels,
+    voxelize_scene,
 )
 from vctgi.trace_cache import TraceCache
 
@@ -139,8 +141,9 @@ def test_lit_voxels_equal_those_without_a_cache() -> None:
         np.testing.assert_array_equal(stored_numbers(found.volume), stored_numbers(expected.volume))
         assert found.lost_flux_share == expected.lost_flux_share
         assert found.texel_count == expected.texel_count > 0
-    # Pilot and rays of the sun, and rays of the lamp; once more each where it moves first. Texels.
-    assert 0 < cache.recording_count <= 7
+    # Pilot and rays of the sun, and rays of the lamp; once more each where it moves first. Sums of
+    # light, and texels.
+    assert 0 < cache.recording_count <= 8
     with pytest.raises(ValueError, match="leave out `cache`"):
         light_volume(prepared, config, parameters=ConeParameters.from_config(config), cache=cache)
     values = mi.traverse(scene)
@@ -153,6 +156,36 @@ def test_lit_voxels_equal_those_without_a_cache() -> None:
     # Scenes share the object of equal parts.
     dr.disable_grad(values[name])
     values.update()
+
+
+def test_a_walk_records_nothing_after_its_first_steps_however_many_windows_move() -> None:
+    cache, config = TraceCache(), small("medium")
+    config = replace(config, clipmap=replace(config.clipmap, level_count=4, finest_voxel_size=0.1))
+    irradiance = {"type": "rgb", "value": 3.0}
+    sun = {"type": "directional", "direction": [0.3, -1.0, 0.2], "irradiance": irradiance}
+    flat = mi.ScalarTransform4f().rotate([1, 0, 0], -90).scale(40.0)
+    ground = {"type": "rectangle", "to_world": flat, "bsdf": {"type": "diffuse"}}
+    scene = load(sensor=camera([0.5, 0.5, 0.9], [0.0, 0.0, 0.0], size=8), sun=sun, ground=ground)
+    prepared = prepare_scene(scene, scene.sensors()[0], config)
+    layout, voxels = prepared.plan.layout, voxelize_scene(prepared, config)
+    light_volume(prepared, config, voxels=voxels, cache=cache)
+    x, y, z = layout.centre
+    counts, moved_windows = [], set()
+    origins = [level.origin for level in layout.clip_levels]
+    for step in range(1, 16):
+        # Faster and faster, so that more windows follow at a time.
+        offset = step * (step + 1) / 2 * layout.finest_voxel_size
+        moved = move_clipmap(layout, (x + offset, y, z))
+        now = [level.origin for level in moved.clip_levels]
+        moved_windows.add(sum(old != new for old, new in zip(origins, now, strict=True)))
+        origins = now
+        here = replace(prepared, plan=replace(prepared.plan, layout=moved))
+        voxels = update_voxels(voxels, here, config)
+        light_volume(here, config, voxels=voxels, cache=cache)
+        counts.append(cache.recording_count)
+    assert len(moved_windows) > 2
+    # Light that moved with its windows is sorted by them from the second time on.
+    assert counts[-1] == counts[2] > 0
 
 
 def test_a_light_that_goes_dark_does_not_lend_its_rays_to_the_next() -> None:

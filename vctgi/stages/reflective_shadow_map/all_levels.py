@@ -16,7 +16,7 @@ from vctgi.scene.extent import scene_bounds
 from vctgi.scene.lights import Light
 from vctgi.scene.records import LightTexels
 from vctgi.stages.reflective_shadow_map.config import ReflectiveShadowMapConfig
-from vctgi.stages.reflective_shadow_map.distant import Cells, lanes_of
+from vctgi.stages.reflective_shadow_map.distant import Cells
 from vctgi.stages.reflective_shadow_map.kept import KeptLight
 from vctgi.stages.reflective_shadow_map.landing import Windows, light_all
 from vctgi.stages.reflective_shadow_map.maps import light_of_lamps, map_sizes
@@ -67,7 +67,8 @@ def trace_all_levels(
         held = {} if kept is None else kept.texels
         stale = [each for each in levels if (index, each.level) not in held]
         if stale:
-            cells = Cells(scene, lights[index], stale, sizes.of_distant)
+            most = layout.clip_level_count
+            cells = Cells(scene, lights[index], stale, sizes.of_distant, most)
             texels, counts = _light_distant(scene, cells, opacity, plain, recorder)
             if kept is None or index not in same or dr.grad_enabled(texels):
                 # A light that changes from frame to frame is not worth parting by levels.
@@ -108,7 +109,7 @@ def _light_distant(
 ) -> tuple[LightTexels, list[int]]:
     """Return what a light from outside lights, and rays of each window."""
     dealt, counts = cells.deal(scene, opacity, recorder)
-    lane, starts = lanes_of(counts)
+    lane, starts = cells.lanes_of(counts)
 
     def light(
         scene: mi.Scene,
@@ -144,6 +145,7 @@ def _parts(texels: LightTexels, counts: list[int]) -> list[LightTexels]:
             largest=dr.gather(mi.Float, texels.largest, index),
             level=dr.gather(mi.UInt32, texels.level, index),
         )
+        # One after the other, so that the kernel is the same however many there are.
+        dr.eval(part)
         parts.append(part)
-    dr.eval(parts)
     return parts

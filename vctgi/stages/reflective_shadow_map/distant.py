@@ -102,14 +102,9 @@ def distant_rays(
     limits
         Texels that should land in each; rays that may be sent for that, the pilot's aside.
     """
-    cells = Cells(scene, light, levels, limits)
+    cells = Cells(scene, light, levels, limits, len(levels))
     dealt, counts = cells.deal(scene, opacity)
-    return cells.rays(cells.windows, dealt, *lanes_of(counts))
-
-
-def lanes_of(counts: list[int]) -> tuple[mi.UInt32, mi.Int32]:
-    """Return a lane for each of so many rays of windows, and the first lane of each window."""
-    return dr.arange(mi.UInt32, sum(counts)), mi.Int32([0, *accumulate(counts)][:-1])
+    return cells.rays(cells.windows, dealt, *cells.lanes_of(counts))
 
 
 def survey_distant(light: Light) -> float:
@@ -121,7 +116,15 @@ def survey_distant(light: Light) -> float:
 
 
 class Cells:
-    """The coordinates of a distant light's rays for each window, in cells."""
+    """The coordinates of a distant light's rays for each window, in cells.
+
+    Parameters
+    ----------
+    scene, light, levels, limits
+        As for `distant_rays`.
+    most_windows
+        How many windows there may be: kernels depend on that alone, not on how many there are.
+    """
 
     def __init__(
         self,
@@ -129,8 +132,9 @@ class Cells:
         light: Light,
         levels: Sequence[LevelLayout],
         limits: tuple[int, int],
+        most_windows: int,
     ) -> None:
-        self.light, self.limits = light, limits
+        self.light, self.limits, self.most_windows = light, limits, most_windows
         self.levels = [level.level for level in levels]
         self.resolution = levels[0].resolution
         self.axis_count = 2 if light.is_delta_direction else 4
@@ -138,6 +142,8 @@ class Cells:
         self.per_axis = max(1, min(MOST_CELLS_PER_AXIS[self.axis_count], affordable))
         self.count = self.per_axis**self.axis_count
         bounds = scene_bounds(scene)
+        # The last one's row stands for those that there are not.
+        levels = [*levels, *[levels[-1]] * (most_windows - len(levels))]
         aims = [_aim(bounds, level) for level in levels]
         farthest = max(aim[-1] for aim in aims)
         numbers = [number for aim in aims for number in aim]
@@ -149,7 +155,7 @@ class Cells:
 
         The light by its name, not by its place: dark lights are not among those of a frame.
         """
-        numbers = (self.axis_count, self.per_axis, len(self.levels), self.resolution)
+        numbers = (self.axis_count, self.per_axis, self.most_windows, self.resolution)
         return self.light.name, *numbers
 
     def deal(
@@ -158,15 +164,24 @@ class Cells:
         """Return the rays of each cell, as `dealing.deal`, and how many each window gets."""
         texel_count, most_rays = self.limits
         rule = DEFAULT_RULE if opacity is None else opacity.rule
-        own = None if opacity is None else [opacity.levels[level] for level in self.levels]
+        held = None if opacity is None else opacity.levels[: opacity.layout.clip_level_count]
+        cell_count = self.count * len(self.levels)
+        lanes = dr.arange(mi.UInt32, cell_count * PILOT_RAYS_PER_CELL)
+        cells = dr.arange(mi.UInt32, cell_count)
+        if recorder is not None:
+            dr.make_opaque(lanes, cells)
 
         def pilot(
-            scene: mi.Scene, windows: Windows, opacity: list[mi.Float] | None
+            scene: mi.Scene,
+            windows: Windows,
+            lanes: tuple[mi.UInt32, mi.UInt32],
+            opacity: list[mi.Float] | None,
         ) -> tuple[mi.Float, mi.UInt32]:
-            return self.pilot(scene, windows, opacity, rule)
+            return self.pilot(scene, windows, lanes, opacity, rule)
 
         key = ("pilot", self.key, rule)
-        weight, landing = run_recorded(recorder, key, pilot, scene, self.windows, own)
+        inputs = (scene, self.windows, (lanes, cells), held)
+        weight, landing = run_recorded(recorder, key, pilot, *inputs)
         least = max(most_rays, self.count)
         counts = [least] * len(self.levels)
         if texel_count < least:
@@ -182,10 +197,17 @@ class Cells:
                 counts[place] = min(wanted, least)
         return deal(weight, *counts), [dealt_count(self.count, count) for count in counts]
 
+    def lanes_of(self, counts: list[int]) -> tuple[mi.UInt32, mi.Int32]:
+        """Return a lane for each of so many rays of windows, and the first lane of each window."""
+        starts = [0, *accumulate(counts)][:-1]
+        starts += [NO_LANE] * (self.most_windows - len(starts))
+        return dr.arange(mi.UInt32, sum(counts)), mi.Int32(starts)
+
     def pilot(
         self,
         scene: mi.Scene,
         table: Windows,
+        lanes: tuple[mi.UInt32, mi.UInt32],
         opacity: Sequence[mi.Float] | None,
         rule: SlotRule,
     ) -> tuple[mi.Float, mi.UInt32]:
@@ -193,11 +215,20 @@ class Cells:
 
         A ray lands where it can be seen. The variance of a cell's sum goes with the mean square
         of its power, so the best share of the texels goes with the root of that.
+
+        Parameters
+        ----------
+        scene, table
+            What stands in the way, and the windows.
+        lanes
+            A number for each ray, window after window, and for each cell.
+        opacity, rule
+            Of all clip levels, and how thick surfaces were made in them.
         """
         ray_count = self.count * PILOT_RAYS_PER_CELL
-        lane = dr.arange(mi.UInt32, ray_count * len(self.levels))
-        windows = LaneWindows(table, self.resolution, lane // ray_count)
-        lane %= ray_count
+        ray_lane, cell = lanes
+        windows = LaneWindows(table, self.resolution, ray_lane // ray_count)
+        lane = ray_lane % ray_count
         inside = [random_unit(lane, axis) for axis in range(self.axis_count)]
         ray, flux = self._at(table, lane // PILOT_RAYS_PER_CELL, windows.number, inside)
         comes = windows.shorten(ray)
@@ -208,7 +239,6 @@ class Cells:
         power = dr.zeros(mi.Float, dr.width(lane)) + mi.Float(dr.select(lands, power, 0.0))
         dr.eval(power)
         largest = block_max(power, ray_count)
-        cell = dr.arange(mi.UInt32, self.count * len(self.levels))
         # Over the largest first: the square of a sun's power would overflow.
         most = dr.gather(mi.Float, largest, cell // self.count)
         squares, landing = mi.Float(0.0), mi.UInt32(0)
@@ -237,7 +267,7 @@ class Cells:
             A lane for each ray, and the first of each window.
         """
         number = mi.UInt32(0)
-        for place in range(1, len(self.levels)):
+        for place in range(1, self.most_windows):
             number += dr.select(lane >= mi.UInt32(entry(starts, place)), mi.UInt32(1), 0)
         # A new array: the lanes belong to who records this.
         lane = lane - mi.UInt32(dr.gather(mi.Int32, starts, number))
@@ -280,6 +310,9 @@ class Cells:
         origin = it.p + frame.s * disc.x + frame.t * disc.y + d * outside
         return mi.Ray3f(origin, -d), mi.Color3f(irradiance) * (math.pi * radius * radius)
 
+
+NO_LANE = 2**31 - 1
+"""Where the rays of windows begin that there are not."""
 
 AIM_SIZE = 5
 """Numbers that say how rays are aimed at a window."""

@@ -307,7 +307,7 @@ def is_seen(
     windows
         The windows that count.
     opacity
-        Their voxels, window by window; without them, all of a window counts.
+        Voxels of all clip levels; without them, all of a window counts.
     rule
         How thick surfaces were made in them.
     """
@@ -319,7 +319,7 @@ def is_seen(
     normal = face_forward(mi.Vector3f(si.n), -d)
     voxel_size = dr.gather(mi.Float, windows.table.voxel_sizes, windows.number)
     where = mi.Point3f(si.p / as_component(voxel_size))
-    resolution = windows.resolution
+    resolution, level = windows.resolution, windows.level_numbers()
     for axis in range(3):
         slot = surface_slot(mi.Float(normal[axis]), rule)
         layer, is_filled = next(filled_layers(mi.Float(where[axis]), slot))
@@ -327,7 +327,7 @@ def is_seen(
         voxel[axis] = layer
         index = texel_from_voxel(voxel, resolution) + (2 * axis + slot.side) * resolution**3
         active = seen & is_filled & windows.hold(voxel)
-        has_slot |= active & (gather_own(opacity, windows.number, index, active) > 0.0)
+        has_slot |= active & (gather_own(opacity, level, index, active) > 0.0)
     return seen & has_slot
 
 

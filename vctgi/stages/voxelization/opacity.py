@@ -241,7 +241,8 @@ def fill_regions(
                 growth = live.growth[level.level]
             _write((levels[level.level], growth), words, own, empty, offset, config)
             offset += DIRECTION_COUNT * config.supersampling(level.level) ** 2 * voxel_count
-        dr.eval([levels[region.level.level] for region in group])
+            # One after the other, so that the kernel is the same whichever levels are stale.
+            dr.eval(levels[level.level], growth)
 
 
 def _cover(
