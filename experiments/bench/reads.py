@@ -45,6 +45,11 @@ class CountingTexels:
         """Bytes that the texels take."""
         return self._texels.byte_count
 
+    @property
+    def scale(self) -> mi.Float | None:
+        """Emittance of 1 in texels, W m^-2 sr^-1."""
+        return self._texels.scale
+
     def has_axis(self, axis: int) -> bool:
         """Whether there is anything to read for travel along an axis."""
         return self._texels.has_axis(axis)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 import drjit as dr
 import mitsuba as mi
@@ -24,8 +25,9 @@ class LevelTable:
 
     Attributes
     ----------
-    origins
-        Flat [level, 4]: lowest voxel x, y, z of the window and log2 of the resolution.
+    windows
+        Flat [level, 4]: lowest voxel x, y, z of the window, and voxels along an edge of it; whole
+        numbers, exact below 2^24, as places in voxels are.
     voxel_offsets
         [level]: first voxel of the level in storage.
     centre
@@ -34,7 +36,7 @@ class LevelTable:
         Corners of the coarsest window, world units.
     """
 
-    origins: mi.Int32
+    windows: mi.Float
     voxel_offsets: mi.UInt32
     centre: mi.Point3f
     low: mi.Point3f
@@ -57,16 +59,23 @@ def level_table(
     """
     rows: list[int] = []
     for level, empty in zip(layout.levels, is_empty or [False] * len(layout.levels), strict=True):
-        rows += [0, 0, 0, 0] if empty else [*level.origin, level.resolution.bit_length() - 1]
+        rows += [0, 0, 0, 1] if empty else [*level.origin, level.resolution]
     box = layout.coarsest
     row = FloatRow([*layout.centre, *box.window_min, *box.window_max])
     points = [mi.Point3f(*(row[3 * place + axis] for axis in range(3))) for place in range(3)]
     dr.eval(points)
     return LevelTable(
-        mi.Int32(rows),
+        mi.Float(rows),
         mi.UInt32(list(layout.voxel_offsets if offsets is None else offsets)),
         *points,
     )
+
+
+LEAST_BOXES = 8
+"""Boxes that a search among a few is made for."""
+
+NO_PLACE = 2**32 - 1
+"""Behind all places in a list of voxels."""
 
 
 def voxel_of_place(place: mi.UInt32, regions: Sequence[Region]) -> mi.Vector3i:
@@ -74,19 +83,17 @@ def voxel_of_place(place: mi.UInt32, regions: Sequence[Region]) -> mi.Vector3i:
 
     The list goes box after box, in each of them x fastest.
     """
-    starts = [0]
-    for region in regions[:-1]:
-        starts.append(starts[-1] + region.voxel_count)
-    first = mi.UInt32(starts)
+    starts = [0, *accumulate(region.voxel_count for region in regions)][:-1]
+    # Boxes that begin behind all places, so that few numbers of boxes make kernels of their own.
+    count = max(LEAST_BOXES, 1 << (len(regions) - 1).bit_length())
+    first = mi.UInt32(starts + [NO_PLACE] * (count - len(regions)))
 
     def is_before(number: mi.UInt32) -> mi.Bool:
         return dr.gather(mi.UInt32, first, number) <= place
 
     # The last box that starts at or before the place.
-    owner = mi.UInt32(0)
-    if len(regions) > 1:
-        after = dr.binary_search(1, len(regions), is_before)  # type: ignore[no-untyped-call]
-        owner = mi.UInt32(after) - 1
+    after = dr.binary_search(1, count, is_before)  # type: ignore[no-untyped-call]
+    owner = mi.UInt32(after) - 1
     local = place - dr.gather(mi.UInt32, first, owner)
     low = mi.Int32([i for region in regions for i in region.low])
     shape = mi.Int32([i for region in regions for i in region.shape])

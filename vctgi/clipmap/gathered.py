@@ -12,7 +12,6 @@ from vctgi.clipmap.formats import TexelCode, VoxelAddress, Words
 from vctgi.clipmap.neighbourhood import Layer, Neighbourhood
 from vctgi.clipmap.stored_directions import StoredDirections
 from vctgi.maths.directions import other_axes
-from vctgi.maths.stub_gaps import as_component
 
 
 @dataclass
@@ -77,14 +76,10 @@ class GatheredTexels:
         slot, is_stored = self.directions.find(layer)
         parts = {layer.axis: around.stored(layer.voxel) << (layer.axis * bits)}
         for axis, step in steps.items():
-            parts[axis] = around.stored(mi.Int32(around.lowest[axis] + step)) << (axis * bits)
+            parts[axis] = around.stored(mi.Float(around.lowest[axis] + step)) << (axis * bits)
         # In the same order for every axis, so that equal sums are computed once.
         place = parts[0] + parts[1] + parts[2]
         voxel = VoxelAddress(
             offset * self.code.slab_count(count), mi.UInt32(1) << (3 * bits), place
         )
-        texel = self.code.fetch(self.words, voxel, slot, count, active & is_stored)
-        if self.scale is not None:
-            color_scale = as_component(self.scale)
-            texel *= mi.Vector4f(color_scale, color_scale, color_scale, 1.0)
-        return texel
+        return self.code.fetch(self.words, voxel, slot, count, active & is_stored)

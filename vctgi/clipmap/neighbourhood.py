@@ -17,11 +17,13 @@ import drjit as dr
 import mitsuba as mi
 
 from vctgi.clipmap.addressing import LevelTable
+from vctgi.maths.powers import ceil_log2
+from vctgi.maths.stub_gaps import as_component
 
 
 @dataclass
 class Neighbourhood:
-    """The 2^3 voxels around a point of one level.
+    """The 2^3 voxels around a point of one level, in whole numbers that are stored as floats.
 
     Attributes
     ----------
@@ -33,28 +35,32 @@ class Neighbourhood:
         The voxel of the eight that is lowest along every axis.
     origin
         Lowest voxel of the level's window.
-    resolution, resolution_bits
-        Voxels along an edge of the window, and log2 of it.
+    edge
+        Voxels along an edge of the window, a power of two.
     weights
         For each axis the linear weights of the lower and upper voxel, 0 outside the window.
     """
 
     level: mi.UInt32
     q: mi.Point3f
-    lowest: mi.Vector3i
-    origin: mi.Vector3i
-    resolution: mi.UInt32
-    resolution_bits: mi.UInt32
+    lowest: mi.Point3f
+    origin: mi.Point3f
+    edge: mi.Float
     weights: list[tuple[mi.Float, mi.Float]]
 
-    def is_held(self, voxel: mi.Int32, axis: int) -> mi.Bool:
-        """Whether the window reaches as far as `voxel` along `axis`."""
-        # An unsigned comparison tests both ends of the window at once.
-        return mi.UInt32(voxel - self.origin[axis]) < self.resolution
+    @property
+    def resolution_bits(self) -> mi.UInt32:
+        """Log2 of the edge."""
+        return mi.UInt32(ceil_log2(self.edge))
 
-    def stored(self, voxel: mi.Int32) -> mi.UInt32:
-        """Toroidal address of a voxel along one axis, [0, resolution)."""
-        return mi.UInt32(voxel) & (self.resolution - 1)
+    def is_held(self, voxel: mi.Float, axis: int) -> mi.Bool:
+        """Whether the window reaches as far as `voxel` along `axis`."""
+        lowest = self.origin[axis]
+        return mi.Bool((voxel >= lowest) & (voxel < lowest + self.edge))
+
+    def stored(self, voxel: mi.Float) -> mi.UInt32:
+        """Toroidal address of a voxel along one axis, [0, edge)."""
+        return mi.UInt32(mi.Int32(voxel)) & (mi.UInt32(self.edge) - 1)
 
 
 @dataclass
@@ -68,12 +74,12 @@ class Layer:
     side
         0 for what a ray travelling towards +axis meets, 1 for -axis.
     voxel
-        Where the layer lies, in voxels along the axis.
+        Where the layer lies, in voxels along the axis: one of the two around the point.
     """
 
     axis: int
     side: mi.UInt32
-    voxel: mi.Int32
+    voxel: mi.Float
 
 
 class VoxelTexels(Protocol):
@@ -82,6 +88,10 @@ class VoxelTexels(Protocol):
     @property
     def byte_count(self) -> int:
         """Bytes that the texels take."""
+
+    @property
+    def scale(self) -> mi.Float | None:
+        """Emittance of 1 in texels, W m^-2 sr^-1, one number; None: texels hold emittance."""
 
     def has_axis(self, axis: int) -> bool:
         """Whether there is anything to read for travel along an axis."""
@@ -104,8 +114,8 @@ class VoxelTexels(Protocol):
         ------
         tuple
             Weights along the two axes of `other_axes(layer.axis)`, whose product weighs the third:
-            premultiplied emittance, W m^-2 sr^-1, and opacity. Voxels outside the window across
-            the axis weigh 0.
+            premultiplied emittance in units of `scale`, and opacity. Voxels outside the window
+            across the axis weigh 0.
         """
 
     def texel(self, around: Neighbourhood, layer: Layer, active: mi.Bool | bool) -> mi.Vector4f:
@@ -134,26 +144,29 @@ def neighbourhood(table: LevelTable, level: mi.UInt32, q: mi.Point3f) -> Neighbo
     q
         Points in voxels of their level, counted from the centre of voxel 0.
     """
-    row = dr.gather(mi.Vector4i, table.origins, level)
-    bits = mi.UInt32(row.w)
-    lowest = dr.floor(q)
+    row = dr.gather(mi.Vector4f, table.windows, level)
+    lowest = mi.Point3f(dr.floor(q))
     fraction = q - lowest
     around = Neighbourhood(
         level=level,
         q=q,
-        lowest=mi.Vector3i(lowest),
-        origin=mi.Vector3i(row.x, row.y, row.z),
-        resolution=mi.UInt32(1) << bits,
-        resolution_bits=bits,
+        lowest=lowest,
+        origin=mi.Point3f(row.x, row.y, row.z),
+        edge=mi.Float(row.w),
         weights=[],
     )
     for axis in range(3):
-        voxel = mi.Int32(around.lowest[axis])
+        voxel = mi.Float(lowest[axis])
         lower, upper = mi.Float(1.0 - fraction[axis]), mi.Float(fraction[axis])
         around.weights.append(
             (
                 dr.select(around.is_held(voxel, axis), lower, 0.0),
-                dr.select(around.is_held(voxel + 1, axis), upper, 0.0),
+                dr.select(around.is_held(voxel + 1.0, axis), upper, 0.0),
             )
         )
     return around
+
+
+def scaled(texels: VoxelTexels, color: mi.Color3f) -> mi.Color3f:
+    """Return emittance, W m^-2 sr^-1, of what was made of texels in their own unit."""
+    return color if texels.scale is None else mi.Color3f(color * as_component(texels.scale))

@@ -16,9 +16,16 @@ from typing import Literal
 import drjit as dr
 import mitsuba as mi
 
-from vctgi.clipmap.neighbourhood import Layer, Neighbourhood, VoxelTexels, neighbourhood
+from vctgi.clipmap.neighbourhood import (
+    Layer,
+    Neighbourhood,
+    VoxelTexels,
+    neighbourhood,
+    scaled,
+)
 from vctgi.clipmap.slots import BEHIND_NUDGE, surface_slot
 from vctgi.clipmap.storage import VoxelVolume
+from vctgi.maths.powers import power_of_two
 from vctgi.maths.stub_gaps import as_component
 
 OPTICAL_DEPTH_CAP = 6.0
@@ -75,6 +82,7 @@ def read_medium(
     direction: mi.Vector3f,
     read: ReadRule = "layered",
     weights: WeightRule = "projected",
+    pull_back_voxels: mi.Float | float = 0.0,
 ) -> Medium:
     """Return extinction and source at a point of one level for a direction of travel.
 
@@ -92,6 +100,8 @@ def read_medium(
         Whether opacity is interpolated as depth along the ray, or as alpha all over.
     weights
         How the three slots are put together.
+    pull_back_voxels
+        How far before the point is read, against the direction, in voxels of the level.
 
     Returns
     -------
@@ -99,19 +109,21 @@ def read_medium(
         Sum over the axes k of |direction_k| times the optical depth of the slot that faces the
         ray, over the voxel size: the projected-area rule, unless `weights` say otherwise.
     """
-    around, voxel_size = _around(volume, level, p_world)
+    around, per_voxel = _around(volume, level, p_world, direction, pull_back_voxels)
     shares = _axis_shares(direction, weights)
-    read_axis = _read_axis if read == "layered" else _read_axis_as_alpha
-    if _is_chosen(volume):
-        read_axis = _read_chosen
     extinction = mi.Float(0.0)
     source = mi.Color3f(0.0)
     for axis in filter(volume.texels.has_axis, range(3)):
-        depth, emitted = read_axis(volume.texels, around, axis, _side(direction, axis))
-        share = as_component(shares[axis] / voxel_size)
-        extinction = dr.fma(share, depth, extinction)
-        source = dr.fma(share, emitted, source)
-    return Medium(extinction, source)
+        share = mi.Float(shares[axis]) * per_voxel
+        for part in _parts(volume, around, axis, _side(direction, axis), read):
+            opacity = mi.Float(part.texel.w) * part.across
+            depth, depth_per_opacity = optical_depth(opacity)
+            weight = share * part.along
+            extinction = dr.fma(weight, depth, extinction)
+            # The factors of a colour are few numbers, the colour is three.
+            emitted = mi.Color3f(part.texel.x, part.texel.y, part.texel.z)
+            source = dr.fma(as_component(weight * part.across * depth_per_opacity), emitted, source)
+    return Medium(extinction, scaled(volume.texels, source))
 
 
 def read_sample(
@@ -120,25 +132,25 @@ def read_sample(
     p_world: mi.Point3f,
     direction: mi.Vector3f,
     weights: WeightRule,
+    pull_back_voxels: mi.Float | float = 0.0,
 ) -> VoxelSample:
     """Return trilinearly interpolated opacity and emittance, as most systems read them.
 
     Parameters
     ----------
-    volume, level, p_world, direction
+    volume, level, p_world, direction, pull_back_voxels
         As for `read_medium`.
     weights
         How the three slots are put together. "projected" ones sum to more than 1 for a slanted
         ray; opacity ends at 1 then.
     """
-    around, _ = _around(volume, level, p_world)
-    read_axis = _chosen_texel if _is_chosen(volume) else _trilinear
+    around, _ = _around(volume, level, p_world, direction, pull_back_voxels)
     shares = _axis_shares(direction, weights)
     total = mi.Vector4f(0.0)
     for axis in filter(volume.texels.has_axis, range(3)):
-        texel = read_axis(volume.texels, around, axis, _side(direction, axis))
-        total = dr.fma(as_component(shares[axis]), texel, total)
-    emitted = mi.Color3f(total.x, total.y, total.z)
+        (part,) = _parts(volume, around, axis, _side(direction, axis), "trilinear")
+        total = dr.fma(as_component(shares[axis]), part.texel, total)
+    emitted = scaled(volume.texels, mi.Color3f(total.x, total.y, total.z))
     return VoxelSample(dr.minimum(mi.Float(total.w), 1.0), emitted)
 
 
@@ -176,13 +188,12 @@ def read_surface(
     that voxels which a surface hardly touches hardly count. Along the axis there is no
     interpolation: the layer is the one that the surface itself was written to.
     """
-    per_voxel = 1.0 / (volume.layout.finest_voxel_size * dr.exp2(mi.Float(level)))
-    q = p_world * as_component(per_voxel)
+    q = p_world * as_component(_per_voxel(volume, level))
     around = neighbourhood(volume.table, level, mi.Point3f(q - 0.5))
     total = mi.Vector4f(0.0)
     for axis in filter(volume.texels.has_axis, range(3)):
         slot = surface_slot(mi.Float(normal[axis]))
-        layer = mi.Int32(dr.floor(q[axis] + as_component(mi.Float(slot.behind) * BEHIND_NUDGE)))
+        layer = mi.Float(dr.floor(q[axis] + as_component(mi.Float(slot.behind) * BEHIND_NUDGE)))
         is_held = active & around.is_held(layer, axis)
         share = mi.Float(dr.abs(normal[axis]))
         taps = volume.texels.taps(around, Layer(axis, slot.side, layer), is_held)
@@ -190,25 +201,82 @@ def read_surface(
             total = dr.fma(as_component(share * weight_u * weight_v), texel, total)
     opacity = mi.Float(total.w)
     is_known = opacity > 0.0
-    emitted = mi.Color3f(total.x, total.y, total.z)
+    emitted = scaled(volume.texels, mi.Color3f(total.x, total.y, total.z))
     radiance = emitted / as_component(dr.select(is_known, opacity, 1.0))
     return dr.select(is_known, radiance, 0.0), opacity
 
 
+@dataclass
+class _Part:
+    """Texels of one axis that are read as one opacity.
+
+    Attributes
+    ----------
+    along
+        Share of the axis that they stand for.
+    across
+        What the texel still has to be multiplied by.
+    texel
+        Premultiplied emittance, in the texels' own unit, and opacity.
+    """
+
+    along: mi.Float
+    across: mi.Float
+    texel: mi.Vector4f
+
+
+def _per_voxel(volume: VoxelVolume, level: mi.UInt32) -> mi.Float:
+    """Return one over the edge of a level's voxels, 1 / world units."""
+    return power_of_two(-mi.Int32(level)) * (1.0 / volume.layout.finest_voxel_size)
+
+
 def _around(
-    volume: VoxelVolume, level: mi.UInt32, p_world: mi.Point3f
+    volume: VoxelVolume,
+    level: mi.UInt32,
+    p_world: mi.Point3f,
+    direction: mi.Vector3f,
+    pull_back_voxels: mi.Float | float,
 ) -> tuple[Neighbourhood, mi.Float]:
-    """Return the voxels around a point of a level, of which one may be chosen, and their size."""
-    voxel_size = volume.layout.finest_voxel_size * dr.exp2(mi.Float(level))
-    q = mi.Point3f(p_world / as_component(voxel_size) - 0.5)
+    """Return the voxels around a point of a level, of which one may be chosen; 1 / their size."""
+    per_voxel = _per_voxel(volume, level)
+    to_centre = dr.fma(direction, -pull_back_voxels, -0.5)
+    q = mi.Point3f(dr.fma(p_world, as_component(per_voxel), to_centre))
     if volume.choice is not None and volume.choice.offset is not None:
         q = mi.Point3f(q + volume.choice.offset)
-    return neighbourhood(volume.table, level, q), voxel_size
+    return neighbourhood(volume.table, level, q), per_voxel
 
 
-def _is_chosen(volume: VoxelVolume) -> bool:
-    """Whether one texel of each axis is chosen, the lowest of those around a moved point."""
-    return volume.choice is not None and volume.choice.offset is not None
+def _parts(
+    volume: VoxelVolume, around: Neighbourhood, axis: int, side: mi.UInt32, read: ReadRule
+) -> list[_Part]:
+    """Read what a ray meets of the slots of one axis."""
+    texels, one = volume.texels, mi.Float(1.0)
+    if volume.choice is not None and volume.choice.offset is not None:
+        return [_Part(one, one, _chosen_texel(texels, around, axis, side))]
+    layers = []
+    for along in range(2):
+        layer = Layer(axis, side, mi.Float(around.lowest[axis] + float(along)))
+        layers.append(_across(texels, around, layer, around.weights[axis][along]))
+    if read == "layered":
+        # Across the axis opacity is alpha, interpolated bilinearly. Along it what is interpolated
+        # is optical depth, and what is emitted over it.
+        return layers
+    total = mi.Vector4f(0.0)
+    for part in layers:
+        total = dr.fma(as_component(part.along * part.across), part.texel, total)
+    return [_Part(one, one, total)]
+
+
+def _across(texels: VoxelTexels, around: Neighbourhood, layer: Layer, along: mi.Float) -> _Part:
+    """Interpolate a layer bilinearly; `along` is its own weight."""
+    taps = [(weight_u * weight_v, tap) for weight_u, weight_v, tap in texels.taps(around, layer)]
+    if len(taps) == 1:
+        # The weight of a single tap is for who uses it: it multiplies less there.
+        return _Part(along, *taps[0])
+    total = mi.Vector4f(0.0)
+    for weight, tap in taps:
+        total = dr.fma(as_component(weight), tap, total)
+    return _Part(along, mi.Float(1.0), total)
 
 
 def _chosen_texel(
@@ -217,15 +285,8 @@ def _chosen_texel(
     """Premultiplied emittance and opacity of the one texel that is read."""
     is_held = mi.Bool(True)
     for each in range(3):
-        is_held &= around.is_held(mi.Int32(around.lowest[each]), each)
-    return texels.texel(around, Layer(axis, side, mi.Int32(around.lowest[axis])), is_held)
-
-
-def _read_chosen(
-    texels: VoxelTexels, around: Neighbourhood, axis: int, side: mi.UInt32
-) -> tuple[mi.Float, mi.Color3f]:
-    """As `_read_axis`, of the one texel that is read."""
-    return _over_depth(_chosen_texel(texels, around, axis, side))
+        is_held &= around.is_held(mi.Float(around.lowest[each]), each)
+    return texels.texel(around, Layer(axis, side, mi.Float(around.lowest[axis])), is_held)
 
 
 def _side(direction: mi.Vector3f, axis: int) -> mi.UInt32:
@@ -241,56 +302,6 @@ def _axis_shares(direction: mi.Vector3f, weights: WeightRule) -> mi.Vector3f:
     if weights == "normalised":
         projected /= projected.x + projected.y + projected.z
     return projected
-
-
-def _read_axis_as_alpha(
-    texels: VoxelTexels, around: Neighbourhood, axis: int, side: mi.UInt32
-) -> tuple[mi.Float, mi.Color3f]:
-    """As `_read_axis`, of opacity that is interpolated as alpha along the axis too."""
-    return _over_depth(_trilinear(texels, around, axis, side))
-
-
-def _trilinear(
-    texels: VoxelTexels, around: Neighbourhood, axis: int, side: mi.UInt32
-) -> mi.Vector4f:
-    """Premultiplied emittance and opacity of the slots of one axis."""
-    total = mi.Vector4f(0.0)
-    for along in range(2):
-        texel = _across(texels, around, Layer(axis, side, mi.Int32(around.lowest[axis] + along)))
-        total = dr.fma(as_component(around.weights[axis][along]), texel, total)
-    return total
-
-
-def _across(texels: VoxelTexels, around: Neighbourhood, layer: Layer) -> mi.Vector4f:
-    """Premultiplied emittance and opacity of a layer, interpolated bilinearly."""
-    texel = mi.Vector4f(0.0)
-    for weight_u, weight_v, tap in texels.taps(around, layer):
-        texel = dr.fma(as_component(weight_u * weight_v), tap, texel)
-    return texel
-
-
-def _read_axis(
-    texels: VoxelTexels, around: Neighbourhood, axis: int, side: mi.UInt32
-) -> tuple[mi.Float, mi.Color3f]:
-    """Optical depth of one voxel along `axis`, and the radiance emitted over that depth."""
-    depth = mi.Float(0.0)
-    emitted = mi.Color3f(0.0)
-    for along in range(2):
-        # Across the axis: opacity is alpha, interpolated bilinearly.
-        texel = _across(texels, around, Layer(axis, side, mi.Int32(around.lowest[axis] + along)))
-
-        # Along it: what is interpolated is optical depth, and what is emitted over it.
-        layer_depth, layer_emitted = _over_depth(texel)
-        layer_weight = around.weights[axis][along]
-        depth = dr.fma(layer_weight, layer_depth, depth)
-        emitted = dr.fma(as_component(layer_weight), layer_emitted, emitted)
-    return depth, emitted
-
-
-def _over_depth(texel: mi.Vector4f) -> tuple[mi.Float, mi.Color3f]:
-    """Optical depth of a texel's opacity, and the radiance emitted over that depth."""
-    depth, depth_per_opacity = optical_depth(mi.Float(texel.w))
-    return depth, mi.Color3f(texel.x, texel.y, texel.z) * as_component(depth_per_opacity)
 
 
 def optical_depth(opacity: mi.Float) -> tuple[mi.Float, mi.Float]:

@@ -34,6 +34,7 @@ import mitsuba as mi
 from vctgi.clipmap.neighbourhood import Layer, Neighbourhood
 from vctgi.clipmap.stored_directions import StoredDirections
 from vctgi.maths.directions import other_axes
+from vctgi.maths.powers import reciprocal_of_power
 from vctgi.maths.stub_gaps import as_component
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ class TextureTexels:
     """
 
     texture: Texture3f16
-    slab_starts: mi.UInt32
+    slab_starts: mi.Float
     per_texel: mi.Vector3f
     directions: StoredDirections
     scale: mi.Float
@@ -106,7 +107,7 @@ class TextureTexels:
     def texel(self, around: Neighbourhood, layer: Layer, active: mi.Bool | bool) -> mi.Vector4f:
         """Fetch at the centre of one texel of a layer."""
         across = other_axes(layer.axis)
-        places = {axis: mi.Float(around.stored(mi.Int32(around.lowest[axis]))) for axis in across}
+        places = {axis: mi.Float(around.lowest[axis]) - _turned(around, axis) for axis in across}
         return self._fetch(around, layer, places, active)
 
     def _fetch(
@@ -117,30 +118,31 @@ class TextureTexels:
         active: mi.Bool | bool,
     ) -> mi.Vector4f:
         """Fetch a layer at a place across it, in voxels from the centre of the one stored first."""
-        places[layer.axis] = mi.Float(around.stored(layer.voxel))
-        start = dr.gather(mi.UInt32, self.slab_starts, around.level)
+        # At most one past the last, which stands there once more.
+        places[layer.axis] = layer.voxel - _turned(around, layer.axis)
+        start = dr.gather(mi.Float, self.slab_starts, around.level) + 1.0
         slot, is_stored = self.directions.find(layer)
-        below = start + slot * (around.resolution + PADDING) + 1
-        places[2] += mi.Float(below)
+        places[2] += dr.fma(mi.Float(slot), around.edge + float(PADDING), start)
         centre = mi.Vector3f([as_component(places[axis] + 0.5) for axis in range(3)])
         position = mi.Point3f(centre * self.per_texel)
         red, green, blue, opacity = self.texture.eval(position)
-        scale = as_component(self.scale)
-        texel = mi.Vector4f(red * scale, green * scale, blue * scale, opacity)
+        texel = mi.Vector4f(red, green, blue, opacity)
         # Not a mask of the fetch: Dr.Jit 1.5 ends the process where it records one.
         return dr.select(mi.Bool(active & is_stored), texel, 0.0)
 
 
 def _clamped(around: Neighbourhood, axis: int) -> tuple[mi.Float, mi.Float]:
-    """Place within the window along one axis, [0, resolution), and the weight of what lies there.
+    """Place within the window along one axis, [-1, edge], and the weight of what lies there.
 
     Places are counted from the centre of the voxel that is stored first.
     """
-    q = mi.Float(around.q[axis])
-    lowest = mi.Float(around.origin[axis])
-    highest = mi.Float(around.origin[axis] + mi.Int32(around.resolution) - 1)
-    clamped = dr.clip(q, lowest, highest)
+    q, lowest = mi.Float(around.q[axis]), mi.Float(around.origin[axis])
+    clamped = dr.clip(q, lowest, lowest + (around.edge - 1.0))
     weight = dr.maximum(1.0 - dr.abs(q - clamped), 0.0)
-    # Exact: the resolution is a power of two.
-    edge = mi.Float(around.resolution)
-    return clamped - edge * dr.floor(clamped / edge), weight
+    return clamped - _turned(around, axis), weight
+
+
+def _turned(around: Neighbourhood, axis: int) -> mi.Float:
+    """Return the voxel at or below the point that is stored first: a multiple of the edge."""
+    q = mi.Float(around.q[axis])
+    return around.edge * dr.floor(q * reciprocal_of_power(around.edge))

@@ -18,6 +18,7 @@ from vctgi.clipmap.levels import LevelLayout
 from vctgi.clipmap.stored_directions import StoredDirections
 from vctgi.clipmap.texel_target import stored_edges
 from vctgi.clipmap.texture import PADDING, TextureTexels
+from vctgi.maths.powers import BIAS, ceil_log2, power_of_two
 from vctgi.maths.stub_gaps import as_component
 
 MAX_TEXTURE_DEPTH = 16384
@@ -27,10 +28,7 @@ BLOCK = 4
 """Texels along an edge of the blocks that neighbouring lanes write."""
 
 LARGEST_EXPONENT = 15
-"""Of the power of two that the largest emittance is stored below, half of what is infinite."""
-
-FLOAT_MANTISSA_BITS, FLOAT_BIAS = 23, 127
-"""Of numbers in single precision."""
+"""Of the power of two that the largest emittance is stored as at most, half of what is infinite."""
 
 
 def texture_depth(edges: list[int], direction_count: int) -> int:
@@ -82,12 +80,9 @@ def texture_scale(peak: mi.Float, merge_count: int) -> mi.Float:
         How often voxels are merged two by two along a ray before they are stored, which can double
         what they emit each time.
     """
-    bits = mi.UInt32(dr.reinterpret_array(mi.UInt32, peak))
-    # The exponent of the next power of two.
-    exponent = mi.Int32(bits >> FLOAT_MANTISSA_BITS) + 1 + merge_count - LARGEST_EXPONENT
+    exponent = ceil_log2(peak) + (merge_count - LARGEST_EXPONENT)
     # Of normal numbers whose reciprocals are normal.
-    biased = mi.UInt32(dr.clip(exponent, 1, 2 * FLOAT_BIAS - 1))
-    scale = mi.Float(dr.reinterpret_array(mi.Float, biased << FLOAT_MANTISSA_BITS))
+    scale = power_of_two(dr.clip(exponent, 1 - BIAS, BIAS - 1))
     return dr.select(peak > 0.0, scale, 1.0)
 
 
@@ -185,7 +180,7 @@ def texture_texels(
     """Return how a texture that was filled is read; the arguments are those of its target."""
     starts, depth = stack_slabs(edges, directions.count)
     per_texel = mi.Vector3f(1.0 / max(edges), 1.0 / max(edges), 1.0 / depth)
-    slab_starts = mi.UInt32(starts)
+    slab_starts = mi.Float(starts)
     dr.make_opaque(per_texel, slab_starts, scale)
     return TextureTexels(texture, slab_starts, per_texel, directions, scale)
 

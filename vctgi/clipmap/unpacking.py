@@ -8,7 +8,7 @@ import mitsuba as mi
 from vctgi.clipmap.addressing import voxel_from_texel
 from vctgi.clipmap.formats import LevelTexels
 from vctgi.clipmap.levels import LevelLayout
-from vctgi.clipmap.neighbourhood import Layer, neighbourhood
+from vctgi.clipmap.neighbourhood import Layer, neighbourhood, scaled
 from vctgi.clipmap.storage import VoxelVolume
 from vctgi.maths.directions import DIRECTION_COUNT
 from vctgi.maths.stub_gaps import as_component
@@ -38,11 +38,11 @@ def unpack_level(volume: VoxelVolume, level: LevelLayout) -> LevelTexels:
     for slot in range(DIRECTION_COUNT):
         axis, side = divmod(slot, 2)
         texel = mi.Vector4f(0.0)
-        layer = Layer(axis, mi.UInt32(side), mi.Int32(voxel[axis]))
+        layer = Layer(axis, mi.UInt32(side), mi.Float(voxel[axis]))
         for weight_u, weight_v, tap in volume.texels.taps(around, layer):
             texel = dr.fma(as_component(weight_u * weight_v), tap, texel)
         index = dr.arange(mi.UInt32, count) + slot * count
-        dr.scatter(emittance, mi.Color3f(texel.x, texel.y, texel.z), index)
+        dr.scatter(emittance, scaled(volume.texels, mi.Color3f(texel.x, texel.y, texel.z)), index)
         dr.scatter(opacity, mi.Float(texel.w), index)
     dr.eval(opacity, emittance)
     return LevelTexels(emittance, opacity, DIRECTION_COUNT)

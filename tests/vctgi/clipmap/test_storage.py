@@ -136,7 +136,8 @@ def test_the_scale_is_the_next_power_of_two(peak: float) -> None:
     top = max(float(c.max()) for c in colors)
     colors = [c * (peak / top) for c in colors]
     volume = packed(where, alphas, colors, StorageConfig(format="rgba8"))
-    scale = float(volume.texels.scale[0])  # type: ignore[attr-defined]
+    assert volume.texels.scale is not None
+    scale = float(volume.texels.scale[0])
     assert math.frexp(scale)[0] == 0.5
     largest = max(float(np.float32(c).max()) for c in colors)
     assert largest <= scale < 2.0 * largest

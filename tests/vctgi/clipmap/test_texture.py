@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from tests.vctgi.hand_made_volumes import emittance_of, opacity_of, random_values
 from vctgi.clipmap.formats import MAX_HALF, LevelTexels
 from vctgi.clipmap.levels import ClipmapLayout, LevelLayout, lay_out_clipmap
-from vctgi.clipmap.neighbourhood import Layer, neighbourhood
+from vctgi.clipmap.neighbourhood import Layer, neighbourhood, scaled
 from vctgi.clipmap.reduction import reduce_directions
 from vctgi.clipmap.sampling import OPTICAL_DEPTH_CAP, read_medium, read_surface
 from vctgi.clipmap.storage import StorageConfig, VoxelVolume, pack_volume
@@ -78,18 +78,25 @@ def layer_values(volume: VoxelVolume, level: int, q: np.ndarray, layer: Layer) -
     total = mi.Vector4f(0.0)
     for weight_u, weight_v, tap in volume.texels.taps(around, layer):
         total = dr.fma(as_component(weight_u * weight_v), tap, total)
-    return np.array(total)
+    color = scaled(volume.texels, mi.Color3f(total.x, total.y, total.z))
+    return np.array(mi.Vector4f(color.x, color.y, color.z, total.w))
 
 
 def random_layer(
     window: LevelLayout, axis: int, rng: np.random.Generator, count: int
 ) -> tuple[np.ndarray, Layer]:
-    """Points up to two voxels around a window, some at the very centres of voxels, and layers."""
+    """Points up to two voxels around a window, some at the very centres of voxels, and layers.
+
+    A layer is one of the two around its point, and within the window.
+    """
     q = window.origin + rng.uniform(-2.5, window.resolution + 1.5, (count, 3))
-    q[::4] = np.round(q[::4])
     held = window.origin[axis] + rng.integers(0, window.resolution, count)
+    q[:, axis] = held + rng.uniform(-1.0, 1.0, count)
+    q[::4] = np.round(q[::4])
+    q = q.astype(np.float32)
+    held = np.clip(held, np.floor(q[:, axis]), np.floor(q[:, axis]) + 1)
     side = rng.integers(0, 2, count)
-    layer = Layer(axis, mi.UInt32(side.astype(np.uint32)), mi.Int32(held.astype(np.int32)))
+    layer = Layer(axis, mi.UInt32(side.astype(np.uint32)), mi.Float(held.astype(np.float32)))
     return q, layer
 
 

@@ -77,7 +77,7 @@ def test_equals_downsampling_before_storage(
     expected = pack_volume(merged, lit, storage, directions)
     found = downsample_volume(opacity, emittance, config, storage, directions)
     np.testing.assert_array_equal(words(found), words(expected))
-    for name in ("origins", "voxel_offsets", "centre", "low", "high"):
+    for name in ("windows", "voxel_offsets", "centre", "low", "high"):
         ours, theirs = getattr(found.table, name), getattr(expected.table, name)
         np.testing.assert_array_equal(np.array(ours), np.array(theirs))
 

@@ -12,7 +12,7 @@ import mitsuba as mi
 from vctgi.clipmap.levels import WINDOW_MARGIN_VOXELS, ClipmapLayout
 from vctgi.clipmap.sampling import Medium, VoxelSample, read_medium, read_sample
 from vctgi.clipmap.storage import VoxelVolume
-from vctgi.maths.stub_gaps import as_component
+from vctgi.maths.powers import ceil_log2, power_of_two
 from vctgi.stages.cone_tracing.live_march import AnyMarch, LiveMarch
 from vctgi.stages.cone_tracing.step_rules import corrected_sample, seen_in_medium, step_length
 
@@ -110,8 +110,8 @@ def step_at(
     if config.correction == "depth":
 
         def medium(each: mi.UInt32) -> Medium:
-            place = p_world - _pull_back(layout, each, axis, config)
-            return read_medium(volume, each, place, axis, config.read, config.weights)
+            rules = (config.read, config.weights, config.pull_back_voxels)
+            return read_medium(volume, each, p_world, axis, *rules)
 
         found = _of_levels(medium, volume, level)
         if isinstance(config, LiveMarch) or config.correction_factor != 1.0:
@@ -119,8 +119,8 @@ def step_at(
         return seen_in_medium(found.extinction, found.source, step)
 
     def sample(each: mi.UInt32) -> VoxelSample:
-        place = p_world - _pull_back(layout, each, axis, config)
-        return read_sample(volume, each, place, axis, config.weights)
+        rules = (config.weights, config.pull_back_voxels)
+        return read_sample(volume, each, p_world, axis, *rules)
 
     read = _of_levels(sample, volume, level)
     voxels = step / (layout.finest_voxel_size * dr.exp2(level))
@@ -180,14 +180,6 @@ def limited_end(
     return t_end
 
 
-def _pull_back(
-    layout: ClipmapLayout, level: mi.UInt32, axis: mi.Vector3f, config: AnyMarch
-) -> mi.Point3f:
-    """Return by how much a level is read before the sample, world units."""
-    distance = config.pull_back_voxels * layout.finest_voxel_size * dr.exp2(mi.Float(level))
-    return mi.Point3f(axis * as_component(distance))
-
-
 def finest_level(volume: VoxelVolume, p_world: mi.Point3f) -> mi.Float:
     """Return the finest level that holds a point, fractional where its window fades out.
 
@@ -215,11 +207,11 @@ def level_around(layout: ClipmapLayout, centre: mi.Point3f, p_world: mi.Point3f)
     distance = mi.Float(dr.maximum(dr.maximum(offset.x, offset.y), offset.z))
     half_extent = (0.5 * layout.resolution - WINDOW_MARGIN_VOXELS) * layout.finest_voxel_size
     # Smallest level whose window holds the point, then a ramp over the rim of that window.
-    windows = dr.maximum(distance / half_extent, 0.5)
-    level = dr.maximum(dr.ceil(dr.log2(windows)), 0.0)
-    share = distance / (half_extent * dr.exp2(level))
-    ramp = dr.clip((share - (1.0 - LEVEL_BLEND)) / LEVEL_BLEND, 0.0, 1.0)
-    return dr.minimum(level + ramp, float(last))
+    windows = distance * (1.0 / half_extent)
+    level = dr.clip(ceil_log2(dr.maximum(windows, 0.5)), 0, last)
+    share = windows * power_of_two(-level)
+    ramp = dr.clip(dr.fma(share, 1.0 / LEVEL_BLEND, 1.0 - 1.0 / LEVEL_BLEND), 0.0, 1.0)
+    return dr.minimum(mi.Float(level) + mi.Float(ramp), float(last))
 
 
 def march_range(
