@@ -41,15 +41,21 @@ def lay_out_runs(counts: mi.UInt32) -> Runs | None:
 def owners(runs: Runs, begin: int, end: int) -> mi.UInt32:
     """Return which lane owns each number in [begin, end), of which there is at least one."""
     first, after = dr.opaque(mi.UInt32, begin), dr.opaque(mi.UInt32, end)
+    is_before = mi.Bool(runs.starts < first)
     # Of several lanes that begin at one number, all but the last are empty.
     is_new = dr.zeros(mi.UInt32, end - begin)
     dr.scatter_reduce(
         dr.ReduceOp.Add,
         is_new,
         mi.UInt32(1),
-        dr.maximum(runs.starts, first) - first,
-        runs.starts < after,
+        runs.starts - first,
+        ~is_before & (runs.starts < after),
         dr.ReduceMode.Direct,
     )
     dr.eval(runs.starts, is_new)
-    return dr.cumsum(is_new) - 1
+    found = mi.UInt32(dr.cumsum(is_new)) - 1
+    if begin > 0:
+        # Counted, not added to the first number: millions of lanes would wait for each other there.
+        one = mi.UInt32(1)
+        found += dr.sum(dr.select(is_before, one, mi.UInt32(0)))
+    return found
