@@ -192,7 +192,7 @@ def update_voxels(
             "detach the vertices, or make the voxels anew by voxelize_scene",
         )
     with clock("opacity voxelization"):
-        # A level that is empty yet would be a constant of all kernels, until something enters it.
+        # A level that is still empty would be a constant of all kernels, until something enters it.
         dr.make_opaque(voxels.opacity.levels[: prepared.plan.layout.clip_level_count])
         changed = changed_bounds(voxels.surfaces, prepared.surfaces)
         triangles = _upload(prepared, config) if changed else voxels.triangles

@@ -181,8 +181,12 @@ def test_a_walk_records_nothing_after_its_first_steps_however_many_windows_move(
         origins = now
         here = replace(prepared, plan=replace(prepared.plan, layout=moved))
         voxels = update_voxels(voxels, here, config)
-        light_volume(here, config, voxels=voxels, cache=cache)
+        found = light_volume(here, config, voxels=voxels, cache=cache)
         counts.append(cache.recording_count)
+        if step % 4 == 0:
+            expected = light_volume(here, config)
+            numbers = stored_numbers(expected.volume)
+            np.testing.assert_array_equal(stored_numbers(found.volume), numbers)
     assert len(moved_windows) > 2
     # Light that moved with its windows is sorted by them from the second time on.
     assert counts[-1] == counts[2] > 0

@@ -35,7 +35,7 @@ class Neighbourhood:
         The voxel of the eight that is lowest along every axis.
     origin
         Lowest voxel of the level's window.
-    edge
+    resolution
         Voxels along an edge of the window, a power of two.
     weights
         For each axis the linear weights of the lower and upper voxel, 0 outside the window.
@@ -45,22 +45,22 @@ class Neighbourhood:
     q: mi.Point3f
     lowest: mi.Point3f
     origin: mi.Point3f
-    edge: mi.Float
+    resolution: mi.Float
     weights: list[tuple[mi.Float, mi.Float]]
 
     @property
     def resolution_bits(self) -> mi.UInt32:
-        """Log2 of the edge."""
-        return mi.UInt32(ceil_log2(self.edge))
+        """Log2 of the resolution."""
+        return mi.UInt32(ceil_log2(self.resolution))
 
     def is_held(self, voxel: mi.Float, axis: int) -> mi.Bool:
         """Whether the window reaches as far as `voxel` along `axis`."""
         lowest = self.origin[axis]
-        return mi.Bool((voxel >= lowest) & (voxel < lowest + self.edge))
+        return mi.Bool((voxel >= lowest) & (voxel < lowest + self.resolution))
 
     def stored(self, voxel: mi.Float) -> mi.UInt32:
-        """Toroidal address of a voxel along one axis, [0, edge)."""
-        return mi.UInt32(mi.Int32(voxel)) & (mi.UInt32(self.edge) - 1)
+        """Toroidal address of a voxel along one axis, [0, resolution)."""
+        return mi.UInt32(mi.Int32(voxel)) & (mi.UInt32(self.resolution) - 1)
 
 
 @dataclass
@@ -152,7 +152,7 @@ def neighbourhood(table: LevelTable, level: mi.UInt32, q: mi.Point3f) -> Neighbo
         q=q,
         lowest=lowest,
         origin=mi.Point3f(row.x, row.y, row.z),
-        edge=mi.Float(row.w),
+        resolution=mi.Float(row.w),
         weights=[],
     )
     for axis in range(3):

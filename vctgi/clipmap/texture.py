@@ -107,7 +107,9 @@ class TextureTexels:
     def texel(self, around: Neighbourhood, layer: Layer, active: mi.Bool | bool) -> mi.Vector4f:
         """Fetch at the centre of one texel of a layer."""
         across = other_axes(layer.axis)
-        places = {axis: mi.Float(around.lowest[axis]) - _turned(around, axis) for axis in across}
+        places = {
+            axis: mi.Float(around.lowest[axis]) - _period_start(around, axis) for axis in across
+        }
         return self._fetch(around, layer, places, active)
 
     def _fetch(
@@ -119,10 +121,10 @@ class TextureTexels:
     ) -> mi.Vector4f:
         """Fetch a layer at a place across it, in voxels from the centre of the one stored first."""
         # At most one past the last, which stands there once more.
-        places[layer.axis] = layer.voxel - _turned(around, layer.axis)
+        places[layer.axis] = layer.voxel - _period_start(around, layer.axis)
         start = dr.gather(mi.Float, self.slab_starts, around.level) + 1.0
         slot, is_stored = self.directions.find(layer)
-        places[2] += dr.fma(mi.Float(slot), around.edge + float(PADDING), start)
+        places[2] += dr.fma(mi.Float(slot), around.resolution + float(PADDING), start)
         centre = mi.Vector3f([as_component(places[axis] + 0.5) for axis in range(3)])
         position = mi.Point3f(centre * self.per_texel)
         red, green, blue, opacity = self.texture.eval(position)
@@ -132,17 +134,18 @@ class TextureTexels:
 
 
 def _clamped(around: Neighbourhood, axis: int) -> tuple[mi.Float, mi.Float]:
-    """Place within the window along one axis, [-1, edge], and the weight of what lies there.
+    """Place within the window along one axis, and the weight of what lies there.
 
-    Places are counted from the centre of the voxel that is stored first.
+    Places are counted from the centre of the voxel that is stored first: in [0, resolution] where
+    the weight is not 0, of which the last is the first voxel's copy, and anything elsewhere.
     """
     q, lowest = mi.Float(around.q[axis]), mi.Float(around.origin[axis])
-    clamped = dr.clip(q, lowest, lowest + (around.edge - 1.0))
+    clamped = dr.clip(q, lowest, lowest + (around.resolution - 1.0))
     weight = dr.maximum(1.0 - dr.abs(q - clamped), 0.0)
-    return clamped - _turned(around, axis), weight
+    return clamped - _period_start(around, axis), weight
 
 
-def _turned(around: Neighbourhood, axis: int) -> mi.Float:
+def _period_start(around: Neighbourhood, axis: int) -> mi.Float:
     """Return the voxel at or below the point that is stored first: a multiple of the edge."""
     q = mi.Float(around.q[axis])
-    return around.edge * dr.floor(q * reciprocal_of_power(around.edge))
+    return around.resolution * dr.floor(q * reciprocal_of_power(around.resolution))

@@ -16,13 +16,16 @@ def power_of_two(exponent: mi.Int32) -> mi.Float:
 
 
 def ceil_log2(value: mi.Float) -> mi.Int32:
-    """Return the smallest whole exponents whose powers reach values, normal numbers above 0."""
+    """Return the smallest whole exponents whose powers reach values, normal numbers above 0.
+
+    They have no derivatives: they jump.
+    """
     bits = mi.Int32(dr.reinterpret_array(mi.Int32, dr.detach(value)))
     # A power of two is its own: one less has the exponent before.
     return ((bits - 1) >> MANTISSA_BITS) - (BIAS - 1)
 
 
 def reciprocal_of_power(power: mi.Float) -> mi.Float:
-    """Return one over powers of two in 2^-126 .. 2^127."""
+    """Return one over powers of two in 2^-126 .. 2^126."""
     bits = mi.UInt32(dr.reinterpret_array(mi.UInt32, power))
     return mi.Float(dr.reinterpret_array(mi.Float, (2 * BIAS << MANTISSA_BITS) - bits))

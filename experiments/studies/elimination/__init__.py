@@ -18,6 +18,9 @@ from experiments.studies.elimination.frames import Pair
 from experiments.studies.elimination.whole import whole_checks
 from reports.study_figures import Definition
 
+LEAST_MIB = 1.0
+"""What has to be saved where memory is what is saved; the quick version saves 6."""
+
 
 def checks() -> list[Check]:
     """Return the rows of every elimination, then those of all together."""
@@ -76,7 +79,7 @@ def _checks_of(case: Case) -> list[Check]:
         row(
             "peak memory saved, MiB",
             lambda found: found.memory_saved,
-            0.0 if case.saves == "memory" else None,
+            LEAST_MIB if case.saves == "memory" else None,
             None,
         ),
     ]

@@ -57,17 +57,20 @@ def inject_all_levels(
     """
     levels = opacity.layout.clip_levels
     injection = _Injection(len(levels), levels[0].resolution, opacity.rule)
+    total = mi.Float64(0.0)
+    for each in texels:
+        total += mi.Float64(each.sum())
     lights = [_LaneTexels(each, *_lanes(each, len(levels))) for each in texels]
-    totals = [each.sum() for each in texels]
     if recorder is not None:
-        dr.eval(lights, totals)
-    inputs = (opacity.levels[: len(levels)], _WindowRows.of(levels), lights, totals)
+        dr.eval(lights)
+        dr.make_opaque(total)
+    inputs = (opacity.levels[: len(levels)], _WindowRows.of(levels), lights, total)
     # Whether light serves all levels is another kernel.
     key = ("light injection", injection, tuple(each.texel is None for each in lights))
     made = run_recorded(recorder, key, injection.inject, *inputs)
     parts = [(each.level, *both) for each, both in zip(lights, made.parts, strict=True)]
     fallen = FallenLight(len(levels), parts, [each.is_lit for each in texels])
-    return SummedLight(opacity, made.sums, made.per_step, made.total, fallen)
+    return SummedLight(opacity, made.sums, made.per_step, total, fallen)
 
 
 def _powers_of_two(total: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
@@ -86,16 +89,14 @@ def _powers_of_two(total: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
 class _WindowRows:
     """Windows of all clip levels on the device.
 
-    A row more than there are levels: Dr.Jit would make a single number a constant.
-
     Attributes
     ----------
     origins
         Flat [level, 6]: lowest voxel, and that of the next finer window.
     voxel_sizes
-        [level] world units.
+        [level + 1] world units, the last twice: Dr.Jit would make a single number a constant.
     per_flux
-        [level] emittance that a watt adds to a voxel which faces it squarely, m^-2 sr^-1.
+        [level + 1], as these: emittance that a watt adds to a voxel that faces it, m^-2 sr^-1.
     """
 
     origins: mi.Int32
@@ -148,7 +149,6 @@ class _Injected:
 
     sums: mi.Int64
     per_step: mi.Float64
-    total: mi.Float64
     parts: list[tuple[mi.Float, mi.Float]]
 
 
@@ -178,7 +178,7 @@ class _Injection:
         alphas: list[mi.Float],
         windows: _WindowRows,
         lights: list[_LaneTexels],
-        totals: list[mi.Float],
+        total: mi.Float64,
     ) -> _Injected:
         """Sum the light of all lights.
 
@@ -188,12 +188,11 @@ class _Injection:
             Opacity of each clip level.
         windows
             Where the levels stand.
-        lights, totals
-            Texels, and the sum of their largest channels, W, for each light.
+        lights
+            Texels of lights.
+        total
+            Sum of the largest channels of all their flux, W.
         """
-        total = mi.Float64(0.0)
-        for each in totals:
-            total += mi.Float64(each)
         steps, per_step = _powers_of_two(total * windows.per_flux)
         dr.eval(total, steps, per_step)
         sums = dr.empty(mi.Int64, self.level_count * self.slot_count * CHANNELS)
@@ -211,12 +210,20 @@ class _Injection:
             parts.append(target.add(light))
             # One after the other, so that the kernel is the same however many there are.
             dr.eval(parts[-1], sums)
-        return _Injected(sums, per_step, total, parts)
+        return _Injected(sums, per_step, parts)
 
 
 @dataclass
 class _Target:
-    """Slots of all clip levels, to which light is added; attributes as of `_Injection.inject`."""
+    """Slots of all clip levels, to which light is added.
+
+    Attributes
+    ----------
+    injection, alphas, windows
+        How, and what `_Injection.inject` is given.
+    sums, steps
+        As `SummedLight.sums`, and steps per W m^-2 sr^-1 of each level.
+    """
 
     injection: _Injection
     alphas: list[mi.Float]

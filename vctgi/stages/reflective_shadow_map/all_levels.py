@@ -74,7 +74,8 @@ def trace_all_levels(
                 # A light that changes from frame to frame is not worth parting by levels.
                 found.append(texels)
                 continue
-            parts = _parts(texels, counts)
+            numbers = [index * layout.clip_level_count + level.level for level in stale]
+            parts = _parts(texels, counts, numbers)
             for level, part in zip(stale, parts, strict=True):
                 kept.texels[index, level.level] = part
         found += [held[index, level.level] for level in levels]
@@ -130,20 +131,26 @@ def _light_distant(
     return run_recorded(recorder, key, light, *inputs), counts
 
 
-def _parts(texels: LightTexels, counts: list[int]) -> list[LightTexels]:
-    """Return the texels of each window, which stand side by side."""
+def _parts(texels: LightTexels, counts: list[int], numbers: list[int]) -> list[LightTexels]:
+    """Return the texels of each window, which stand side by side, and dark ones after them.
+
+    Each part has as many dark ones as its number says, which no other part has: recordings tell
+    apart which of their inputs are of equal width, and windows often have as many rays.
+    """
     starts = mi.Int32([0, *accumulate(counts)])
     parts = []
-    for place, count in enumerate(counts):
-        index = dr.arange(mi.UInt32, count) + mi.UInt32(entry(starts, place))
+    for place, (count, number) in enumerate(zip(counts, numbers, strict=True)):
+        first, after = (mi.UInt32(entry(starts, each)) for each in (place, place + 1))
+        index = dr.arange(mi.UInt32, count + number) + first
+        is_own = index < after
         assert texels.level is not None, "only light from outside is parted"
         part = LightTexels(
-            position=dr.gather(mi.Point3f, texels.position, index),
-            normal=dr.gather(mi.Vector3f, texels.normal, index),
-            reflected_flux=dr.gather(mi.Color3f, texels.reflected_flux, index),
-            is_lit=dr.gather(mi.Bool, texels.is_lit, index),
-            largest=dr.gather(mi.Float, texels.largest, index),
-            level=dr.gather(mi.UInt32, texels.level, index),
+            position=dr.gather(mi.Point3f, texels.position, index, is_own),
+            normal=dr.gather(mi.Vector3f, texels.normal, index, is_own),
+            reflected_flux=dr.gather(mi.Color3f, texels.reflected_flux, index, is_own),
+            is_lit=dr.gather(mi.Bool, texels.is_lit, index, is_own),
+            largest=dr.gather(mi.Float, texels.largest, index, is_own),
+            level=dr.gather(mi.UInt32, texels.level, index, is_own),
         )
         # One after the other, so that the kernel is the same however many there are.
         dr.eval(part)
