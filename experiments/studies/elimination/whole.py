@@ -27,8 +27,8 @@ MOST_LOSS = 1.02
 """What a frame of the scene that needs all may cost, over one that leaves nothing out."""
 
 WHOLE_TURNS = 25
-"""Frames of each kind that are timed, at least: with eight the shortest of both kinds, which run the
-same kernels where everything is needed, were up to 3 % apart."""
+"""Frames of each kind that are timed, at least: with eight the shortest of both kinds, the same
+kernels where everything is needed, were up to 3 % apart."""
 
 LEVELS_NEEDED = 4
 """Most clip levels of the scene that needs all, which it needs."""
