@@ -146,6 +146,6 @@ def _clamped(around: Neighbourhood, axis: int) -> tuple[mi.Float, mi.Float]:
 
 
 def _period_start(around: Neighbourhood, axis: int) -> mi.Float:
-    """Return the voxel at or below the point that is stored first: a multiple of the edge."""
+    """Return the voxel at or below the point that is stored first: a multiple of the resolution."""
     q = mi.Float(around.q[axis])
     return around.resolution * dr.floor(q * reciprocal_of_power(around.resolution))
